@@ -23,6 +23,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from benchmarks.blind.outsiders.generate import MACHINES as OUTSIDERS
 from benchmarks.machine import describe
 
 ROOT = Path(__file__).parents[2]
@@ -30,7 +31,7 @@ RESULTS = Path(__file__).parent / "results"
 SETS = {
     "emps": (("benchmarks.blind.emps.generate",), "emps"),
     "a1": (("benchmarks.blind.a1.generate",), "sim"),
-} | {name: (("benchmarks.blind.outsiders.generate", name), name) for name in ("arm", "quad", "car", "segway")}
+} | {name: (("benchmarks.blind.outsiders.generate", name), name) for name in OUTSIDERS}
 """Set → what makes it, and its simulator."""
 
 

@@ -57,12 +57,12 @@ Answer = Mapping[str, Any]
 
 
 def simulator(machine: str) -> str:
-    """Return the name of the machine's simulator, after its folder is on the path."""
+    """Return the name of the machine's simulator, after its folder, if it has one, is on the path."""
     if machine == "axis":
         return "emps"
-    folder = str(HERE / machine / "simulator")
-    if folder not in sys.path:
-        sys.path.insert(0, folder)
+    folder = HERE / machine / "simulator"
+    if folder.exists() and str(folder) not in sys.path:
+        sys.path.insert(0, str(folder))
     return machine
 
 

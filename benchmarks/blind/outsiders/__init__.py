@@ -1,1 +1,1 @@
-"""What the sets of machines that someone outside wrote share: how causes and tests are drawn, and the command."""
+"""What the sets of machines with code of their own share: how causes and tests are drawn, and the command."""

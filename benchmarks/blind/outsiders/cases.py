@@ -1,8 +1,8 @@
-"""Blind cases of a machine that someone outside wrote: what ails it is drawn, and it is run at tests over the space."""
+"""Blind cases of a machine with code of its own: what ails it is drawn, and it is run at tests over the space."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import log
 from pathlib import Path
@@ -38,6 +38,11 @@ class Cause:
         made: size → its number; the typical size is 1.
         nominal: its number where it is not there.
         signed: whether its size can be negative.
+        sizes: how large it is, log-uniform between.
+        background: standard deviation of its size in cases that are not about it.
+        also: further numbers of the machine that say how it acts; they go into the label.
+        relative_of: the catalogue member that it resembles.
+        where: numbers of the machine → where it acts: ``window`` in s or ``place`` in m.
     """
 
     name: str
@@ -45,6 +50,11 @@ class Cause:
     made: Callable[[float], float]
     nominal: float = 0.0
     signed: bool = False
+    sizes: tuple[float, float] = SIZES
+    background: float = BACKGROUND
+    also: tuple[str, ...] = ()
+    relative_of: str | None = None
+    where: Callable[[Mapping[str, float]], dict[str, list[float]]] | None = None
 
 
 def linear(name: str, parameter: str, typical: float, nominal: float = 0.0, signed: bool = False) -> Cause:
@@ -53,7 +63,10 @@ def linear(name: str, parameter: str, typical: float, nominal: float = 0.0, sign
 
 
 class Machine(Protocol):
-    """What a module must have to be the real machine of a set; ``drive`` takes what ``drawn_nuisance`` gave."""
+    """What a module must have to be the real machine of a set; ``drive`` takes what ``drawn_nuisance`` gave.
+
+    ``drawn_body(rng)``, where there is one, returns further numbers that differ from machine to machine.
+    """
 
     VERSION: str
     SPEC: Path
@@ -78,6 +91,7 @@ def make_case(machine: Machine, rng: Generator, kind: CaseKind, held_out: int = 
     causes = chosen(machine, rng, kind)
     others = background(machine, rng, causes)
     values = {cause.name: cause.made(size_of(cause, rng)) for cause in causes}
+    others |= getattr(machine, "drawn_body", lambda rng: {})(rng)
     tests, further = drawn_tests(spec, rng), stratified(spec, rng, held_out)
     nuisances = [machine.drawn_nuisance(rng) for _ in (*tests, *further)]
     runs = [
@@ -86,11 +100,15 @@ def make_case(machine: Machine, rng: Generator, kind: CaseKind, held_out: int = 
     ]
     label: dict[str, Any] = {
         "kind": kind,
-        "effects": _numbers(machine, values),
-        "background": _numbers(machine, others),
-        "relative_of": None,
+        "effects": _numbers(causes, others | values),
+        "background": _numbers([cause for cause in machine.KNOWN if cause not in causes], others),
+        "relative_of": causes[0].relative_of if causes else None,
         "generator": machine.VERSION,
     }
+    for cause in causes:
+        if cause.where:
+            ends = cause.where(others | values)
+            label["where"] = {name: [round(end, 4) for end in pair] for name, pair in ends.items()}
     if causes:
         away = [
             abs(_rho(spec, test, trace) - _rho(spec, test, machine.drive(others, test, nuisance)))
@@ -100,9 +118,14 @@ def make_case(machine: Machine, rng: Generator, kind: CaseKind, held_out: int = 
     return Case(runs[: len(tests)], runs[len(tests) :], label)
 
 
-def _numbers(machine: Machine, values: Mapping[str, float]) -> dict[str, dict[str, float]]:
-    causes = (*machine.KNOWN, *machine.UNKNOWN)
-    return {c.name: {c.parameter: float(f"{values[c.name]:.6g}")} for c in causes if c.name in values}
+def _numbers(causes: Sequence[Cause], values: Mapping[str, float]) -> dict[str, dict[str, float]]:
+    return {
+        cause.name: {
+            label: float(f"{values[name]:.6g}")
+            for label, name in ((cause.parameter, cause.name), *((also, also) for also in cause.also))
+        }
+        for cause in causes
+    }
 
 
 def _rho(spec: Spec, test: Test, trace: Trace) -> float:
@@ -118,7 +141,7 @@ def chosen(machine: Machine, rng: Generator, kind: CaseKind) -> list[Cause]:
 
 def size_of(cause: Cause, rng: Generator) -> float:
     """Draw how large an effect is, as a multiple of what is typical."""
-    size = float(np.exp(rng.uniform(*map(log, SIZES))))
+    size = float(np.exp(rng.uniform(*map(log, cause.sizes))))
     return -size if cause.signed and rng.uniform() < 0.5 else size
 
 
@@ -126,7 +149,7 @@ def background(machine: Machine, rng: Generator, causes: list[Cause]) -> dict[st
     """Draw a little of every effect of the catalogue that is none of the causes."""
     values = {}
     for cause in machine.KNOWN:
-        size = BACKGROUND * float(rng.normal())
+        size = cause.background * float(rng.normal())
         if cause not in causes:
             values[cause.name] = cause.made(size if cause.signed else abs(size))
     return values

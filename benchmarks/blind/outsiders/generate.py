@@ -1,4 +1,4 @@
-"""Make a set of blind cases of a machine that someone outside wrote: public logs, and labels apart.
+"""Make a set of blind cases of a machine with code of its own: public logs, and labels apart.
 
 Run: python -m benchmarks.blind.outsiders.generate car --cases 200 --out FOLDER [--seed N]
 
@@ -14,7 +14,7 @@ from importlib import import_module
 from benchmarks.blind.emps.generate import asked, kinds_of, write_case
 from benchmarks.blind.outsiders.cases import Machine, make_case
 
-MACHINES = ("arm", "quad", "car", "segway")
+MACHINES = ("arm", "quad", "car", "segway", "turtlebot")
 
 
 def main() -> None:
