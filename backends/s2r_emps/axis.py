@@ -61,6 +61,7 @@ class _Constants(NamedTuple):
 
     mass: float
     viscous: float
+    viscous_direction: float
     drag: float
     cable: float
     offset: float
@@ -83,14 +84,11 @@ class _Constants(NamedTuple):
     behind: float
     """Mean lag of the current behind the voltage in one tick, as a share of their difference."""
     smooth: float
-    whole: int
-    """Whole ticks of the delay; ``part`` is the remaining share of a tick."""
-    part: float
     position_gain: float
     speed_gain: float
 
 
-_OF_PHYSICS = _Constants._fields[:15]
+_OF_PHYSICS = _Constants._fields[:16]
 
 
 def simulate(
@@ -107,7 +105,6 @@ def simulate(
     """
     p, h, n = physics, STEP, command.reference.size
     follow = 1 - exp(-h / p.lag) if p.lag else 1.0
-    whole = int(p.delay / h + 1e-9)
     constants = _Constants(
         **{name: float(getattr(p, name)) for name in _OF_PHYSICS},
         motor=float(MOTOR_SHARE * p.mass),
@@ -117,8 +114,6 @@ def simulate(
         follow=float(follow),
         behind=float(p.lag / h * follow),
         smooth=float(1 - exp(-h / p.speed_filter) if p.speed_filter else 1.0),
-        whole=whole,
-        part=float(max(0.0, p.delay / h - whole)),
         position_gain=KP * sqrt(stiffness),
         speed_gain=KV * sqrt(stiffness),
     )
@@ -127,11 +122,23 @@ def simulate(
         np.ascontiguousarray(command.closed, dtype=np.bool_),
         np.ascontiguousarray(command.voltage, dtype=np.float64),
         (float(start[0]), float(start[1])),
-        np.ascontiguousarray(draws.encoder[:n]),
-        np.ascontiguousarray(draws.disturbance[:n]),
+        (np.ascontiguousarray(draws.encoder[:n]), np.ascontiguousarray(draws.disturbance[:n])),
+        _delays(n, physics, draws),
         constants,
     )
     return DriveLog(q, speed, volts, GAIN * volts)
+
+
+def _delays(ticks: int, physics: Physics, draws: Draws) -> FloatArray:
+    """Return (ticks,) how many ticks ago the drive's command was sent, at least 0; empty without a delay."""
+    p = physics
+    if not p.delay:
+        return np.empty(0)
+    delays = np.full(ticks, p.delay / STEP)
+    if p.hold:
+        period = p.hold * p.delay / STEP
+        delays *= 1.0 + p.hold * ((np.arange(ticks) + 0.5) / period % 1.0 - 0.5)
+    return delays * np.maximum(0.0, 1.0 + p.jitter * draws.delay[:ticks]) if p.jitter else delays
 
 
 @compiled
@@ -140,14 +147,14 @@ def _ticks(
     closed: BoolArray,
     voltage: FloatArray,
     start: tuple[float, float],
-    errors: FloatArray,
-    pushes: FloatArray,
+    noise: tuple[FloatArray, FloatArray],
+    delays: FloatArray,
     p: _Constants,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return (ticks,) the encoder position [m], the fed-back speed [m/s] and the commanded voltage [V]."""
     h, carriage, teeth, n = STEP, p.mass - p.motor, RIPPLES * TURN, reference.size
     dry = p.coulomb != 0.0 or p.stribeck != 0.0 or p.load_friction != 0.0
-    late = p.whole > 0 or p.part > 0.0
+    errors, pushes = noise
     measured, v = start
     positions, speeds, sent = np.empty(n), np.empty(n), np.empty(n)
 
@@ -164,11 +171,13 @@ def _ticks(
         u = p.speed_gain * (p.position_gain * (reference[k] - measured) - speed) if closed[k] else voltage[k]
         u = p.voltage if u > p.voltage else -p.voltage if u < -p.voltage else u
         positions[k], speeds[k], sent[k] = measured, speed, u
-        if late:
+        if delays.size:
             # The voltage is zero until the first command arrives.
-            u = sent[k - p.whole] if k >= p.whole else 0.0
-            if p.part > 0.0:
-                u += p.part * ((sent[k - p.whole - 1] if k > p.whole else 0.0) - u)
+            whole = int(delays[k] + 1e-9)
+            u = sent[k - whole] if k >= whole else 0.0
+            part = delays[k] - whole
+            if part > 0.0:
+                u += part * ((sent[k - whole - 1] if k > whole else 0.0) - u)
         if p.behind != 0.0:
             u, current = u + p.behind * (current - u), current + p.follow * (u - current)
         force = p.gain * u
@@ -176,7 +185,13 @@ def _ticks(
             force -= force * p.sag * abs(u)
         if p.ripple != 0.0:
             force += p.ripple * sin(teeth * q + p.ripple_phase)
-        resist = p.viscous * vl + p.drag * vl * abs(vl) + p.cable * (ql - MIDDLE) + p.offset - pushes[k]
+        resist = (
+            p.viscous * (vl + p.viscous_direction * abs(vl))
+            + p.drag * vl * abs(vl)
+            + p.cable * (ql - MIDDLE)
+            + p.offset
+            - pushes[k]
+        )
         brake = 0.0
         if dry:
             fading = vl * p.per_speed

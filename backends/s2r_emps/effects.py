@@ -7,8 +7,11 @@ from s2r_spec.effects import Choice, ModelEffect, add_effects, adds, limits, sca
 
 effect = ModelEffect.of
 _EFFECTS = (  # of a parameter: name, unit, low, high, nominal value, prior, and what it changes
-    effect("viscous", "friction", "Grease and seals resist the carriage in proportion to its speed.",
-           ("coefficient", "N*s/m", 0.0, 800.0, 0.0, "half-normal, 150 N*s/m", adds("viscous"))),
+    effect("viscous", "friction",
+           "Grease and seals resist the carriage in proportion to its speed, in positive motion more by the share "
+           "direction, and in negative motion less.",
+           ("coefficient", "N*s/m", 0.0, 800.0, 0.0, "half-normal, 150 N*s/m", adds("viscous")),
+           ("direction", "", -1.0, 1.0, 0.0, "normal, 0.25", adds("viscous_direction"))),
     effect("coulomb", "friction", "Dry friction of this force opposes any motion, and holds the carriage at rest.",
            ("force", "N", 0.0, 80.0, 0.0, "half-normal, 20 N", adds("coulomb"))),
     effect("stribeck", "friction",
@@ -42,8 +45,12 @@ _EFFECTS = (  # of a parameter: name, unit, low, high, nominal value, prior, and
            ("drop", "", 0.0, 0.8, 0.0, "half-normal, 0.2", adds("sag"))),
     effect("voltage_limit", "actuation", "The drive saturates at this voltage, below the one on its plate.",
            ("voltage", "V", 1.5, 10.0, 10.0, "10 minus half-normal, 3 V", limits("voltage"))),
-    effect("delay", "timing", "The controller's output reaches the drive this much later.",
-           ("time", "s", 0.0, 0.004, 0.0, "half-normal, 0.0015 s", adds("delay"))),
+    effect("delay", "timing",
+           "The controller's output reaches the drive this much later. It varies from tick to tick; jitter is "
+           "its standard deviation, as a share of it.",
+           ("time", "s", 0.0, 0.004, 0.0, "half-normal, 0.0015 s", adds("delay")),
+           ("jitter", "", 0.0, 0.5, 0.0, "half-normal, 0.15", adds("jitter")),
+           ("hold", "", 0.0, 2.0, 0.0, "half-normal, 0.5", adds("hold"))),
     effect("speed_filter", "sensing", "The drive smooths the speed that it feeds back with this time constant.",
            ("time", "s", 0.0, 0.004, 0.0, "half-normal, 0.0015 s", adds("speed_filter"))),
     effect("encoder_ripple", "sensing",

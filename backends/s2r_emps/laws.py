@@ -41,7 +41,12 @@ def lacking_force(
     At rest, dry friction balances any force up to its own size.
     """
     p = physics
-    resistance = p.viscous * v + p.drag * v * np.abs(v) + p.cable * (q - MIDDLE) + p.offset
+    resistance = (
+        p.viscous * (v + p.viscous_direction * np.abs(v))
+        + p.drag * v * np.abs(v)
+        + p.cable * (q - MIDDLE)
+        + p.offset
+    )
     unbalanced = p.mass * speeds_up + resistance - force
     friction = _dry_friction(v, force, p.coulomb, p.stribeck, p.stribeck_speed, p.load_friction)
     return _less_friction(unbalanced, v, friction)

@@ -47,6 +47,7 @@ class Draws:
         start: displacement at the beginning [m].
         encoder: (ticks,) error of the measured position [m].
         disturbance: (ticks,) force on the carriage in the positive direction [N].
+        seed: of the rollout.
     """
 
     gain: float
@@ -54,6 +55,13 @@ class Draws:
     start: float
     encoder: FloatArray
     disturbance: FloatArray
+    seed: int
+
+    @property
+    def delay(self) -> FloatArray:
+        """(ticks,) standard normal, from a stream of its own: a jitter leaves all other numbers as they are."""
+        stream = np.random.SeedSequence(self.seed, spawn_key=(1,))
+        return np.random.default_rng(stream).normal(size=self.encoder.size)
 
 
 def draw(noise: Noise, seed: int, ticks: int) -> Draws:
@@ -67,6 +75,7 @@ def draw(noise: Noise, seed: int, ticks: int) -> Draws:
         start=noise.start * start,
         encoder=noise.encoder * white[:, 0],
         disturbance=noise.disturbance * _colour(white[:, 1], noise.disturbance_time),
+        seed=seed,
     )
 
 

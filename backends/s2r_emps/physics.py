@@ -44,6 +44,8 @@ class Physics:
     """Voltage at which the drive saturates [V]."""
     viscous: float = 0.0
     """Coefficient of viscous friction [N*s/m]."""
+    viscous_direction: float = 0.0
+    """Share by which it is larger in positive motion, and smaller in negative motion."""
     drag: float = 0.0
     """Coefficient of quadratic drag [N*s^2/m^2]."""
     coulomb: float = 0.0
@@ -64,6 +66,10 @@ class Physics:
     """Phase of the ripple at q = 0 [rad]."""
     delay: float = 0.0
     """Delay between the controller's output and the drive [s]."""
+    jitter: float = 0.0
+    """Standard deviation of the delay, as a share of it."""
+    hold: float = 0.0
+    """Period of the drive's cycle, as a share of the delay."""
     lag: float = 0.0
     """Time constant of the drive's current [s]."""
     sag: float = 0.0

@@ -134,7 +134,7 @@ class TurtlebotBackend:
         """Return this robot with rollouts of this duration [s]."""
         return replace(self, duration=seconds)
 
-    def _body(self) -> tuple[Body, Body]:
+    def _body(self, seed: int) -> tuple[Body, Body]:
         """Return the localisation and the wheels, new for every rollout."""
         return ideal, ideal
 
@@ -143,7 +143,7 @@ class TurtlebotBackend:
         ox, oy = read_test(self.name, self.parameters, params).values()
         step = self.constants.step
         ticks = ceil(self.duration / step - 1e-9)
-        x, y, heading, v, w = drive(ox, oy, ticks, seed, self.constants, *self._body()).T
+        x, y, heading, v, w = drive(ox, oy, ticks, seed, self.constants, *self._body(seed)).T
         to_goal = np.hypot(x - self.constants.goal[0], y - self.constants.goal[1])
         columns = (x, y, heading, v, w, to_goal, np.hypot(x - ox, y - oy))
         units = {channel.name: channel.unit for channel in self.channels}

@@ -6,7 +6,6 @@ An effect changes a number of :class:`Physics`: an error of the measured pose, o
 from __future__ import annotations
 
 import hashlib
-from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import exp
@@ -43,7 +42,9 @@ class Physics:
     left: float = 0.0  # error of the measured position, to the left [m]
     heading: float = 0.0  # error of the measured heading [rad]
     delay: float = 0.0  # from a command to the wheels [s]
+    jitter: float = 0.0  # standard deviation of the delay, as a share of it
     speed: float = 1.0  # fastest wheel [m/s]; at 1 there is no limit
+    own: float = 0.0  # 0: at the limit both wheels slow down by one factor; 1: each has its own limit
     lag: float = 0.0  # time constant of the wheels' speed [s]
     radius: float = 1.0  # of the wheels, over that of the drawing
     uneven: float = 0.0  # share by which the right wheel travels farther, and the left one less
@@ -54,31 +55,52 @@ class Physics:
         """Return the measured pose [m, m, rad]."""
         return x, y + self.left, heading + self.heading
 
-    def wheels(self, step: float) -> Body:
-        """Return the function of one rollout from commands every ``step`` [s] to speed [m/s] and turning rate [rad/s].
+    def wheels(self, step: float, seed: int) -> Body:
+        """Return the wheels of one rollout.
 
-        The wheels receive u(t − delay), and stand still before the first command arrives. A command is held for a tick.
-        If two apply within one tick, the result is their mean, weighted by their times.
+        They take a command every ``step`` [s], and return speed [m/s] and turning rate [rad/s].
         """
-        ticks, share = divmod(self.delay / step, 1)
-        queue = deque([(0.0, 0.0)] * (int(ticks) + 1))
+        arrived = self._delayed(step, seed)
         keep = exp(-step / self.lag) if self.lag else 0.0
         speed = rate = 0.0
 
         def body(v: float, w: float) -> tuple[float, float]:
             nonlocal speed, rate
-            queue.append((v, w))
-            (v1, w1), (v0, w0) = queue.popleft(), queue[0]
-            v, w = v0 + share * (v1 - v0), w0 + share * (w1 - w0)
-            fastest = abs(v) + abs(w) * _AXLE / 2
-            if self.speed < 1.0 and fastest > self.speed:
-                v, w = self.speed / fastest * v, self.speed / fastest * w
+            v, w = self._limited(*arrived(v, w))
             speed, rate = v + keep * (speed - v), w + keep * (rate - w)
             v, w = self.radius * speed, self.radius * rate
             v, w = v + self.uneven * w * _AXLE / 2, w + self.uneven * v * 2 / _AXLE
             return v, w / self.axle / (1 + self.slip * abs(v))
 
         return body
+
+    def _delayed(self, step: float, seed: int) -> Body:
+        """Return the delay: the wheels receive u(t − delay), and stand still before the first command arrives.
+
+        A command is held for a tick. If two apply within one tick, the result is their mean, weighted by their times.
+        With a jitter every tick has a delay of its own, so that the mean delay stays as it is.
+        """
+        # A stream of its own leaves the slip of a rollout as it is.
+        random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1,)))
+        sent = [(0.0, 0.0)]
+
+        def arrived(v: float, w: float) -> tuple[float, float]:
+            sent.append((v, w))
+            delay = self.delay * max(0.0, 1 + self.jitter * random.normal()) if self.jitter else self.delay
+            ticks, share = divmod(delay / step, 1)
+            (v1, w1), (v0, w0) = (sent[max(0, len(sent) - int(ticks) - k)] for k in (2, 1))
+            return v0 + share * (v1 - v0), w0 + share * (w1 - w0)
+
+        return arrived
+
+    def _limited(self, v: float, w: float) -> tuple[float, float]:
+        """Return the speed and the turning rate that the fastest wheel allows."""
+        fastest = abs(v) + abs(w) * _AXLE / 2
+        if self.speed >= 1.0 or fastest <= self.speed:
+            return v, w
+        left, right = (min(max(v + side * w * _AXLE / 2, -self.speed), self.speed) for side in (-1, 1))
+        v, w = self.speed / fastest * v, self.speed / fastest * w
+        return v + self.own * ((left + right) / 2 - v), w + self.own * ((right - left) / _AXLE - w)
 
 
 effect = ModelEffect.of
@@ -88,10 +110,15 @@ CATALOGUE = (  # of a parameter: name, unit, low, high, nominal value, prior, an
     effect("heading_bias", "sensing", "The robot's estimate of its heading is this much too far to the left.",
            ("angle", "rad", -0.5, 0.5, 0.0, "normal, 0.1 rad", adds("heading"))),
     effect("latency", "timing",
-           "Commands reach the wheels this much later; before the first one the wheels stand still.",
-           ("delay", "s", 0.0, 0.3, 0.0, "half-normal, 0.06 s", adds("delay"))),
-    effect("speed_limit", "actuation", "No wheel turns faster than this; both slow down by the same factor.",
-           ("speed", "m/s", 0.1, 1.0, 1.0, "1 minus half-normal, 0.3 m/s", limits("speed"))),
+           "Commands reach the wheels this much later; before the first one the wheels stand still. "
+           "It varies from tick to tick; jitter is its standard deviation, as a share of it.",
+           ("delay", "s", 0.0, 0.3, 0.0, "half-normal, 0.06 s", adds("delay")),
+           ("jitter", "", 0.0, 0.5, 0.0, "half-normal, 0.15", adds("jitter"))),
+    effect("speed_limit", "actuation",
+           "No wheel turns faster than this. At own = 0 both slow down by the same factor; at own = 1 each has the "
+           "limit by itself.",
+           ("speed", "m/s", 0.1, 1.0, 1.0, "1 minus half-normal, 0.3 m/s", limits("speed")),
+           ("own", "", 0.0, 1.0, 0.0, "uniform", adds("own"))),
     effect("motor_lag", "actuation", "The speed of the wheels follows the command with this time constant.",
            ("time", "s", 0.0, 0.5, 0.0, "half-normal, 0.1 s", adds("lag"))),
     effect("wheel_radius", "geometry", "Both wheels are larger than drawn by this factor, so the robot drives faster.",
@@ -159,9 +186,11 @@ class TurtlebotWithEffects(TurtlebotBackend):
     def _physics(self) -> Physics:
         return add_effects(Physics(), CATALOGUE, self.added)
 
-    def _body(self) -> tuple[Body, Body]:
+    def _body(self, seed: int) -> tuple[Body, Body]:
         physics = self._physics
-        return (ideal, ideal) if physics == Physics() else (physics.look, physics.wheels(self.constants.step))
+        if physics == Physics():
+            return ideal, ideal
+        return physics.look, physics.wheels(self.constants.step, seed)
 
 
 def turtlebot(options: str = "") -> TurtlebotWithEffects:

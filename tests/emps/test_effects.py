@@ -111,7 +111,7 @@ def test_a_bad_option_is_refused_with_the_valid_ones(options, facts):
 
 
 EXPLAINED = {
-    "viscous": {"coefficient": 300.0},
+    "viscous": {"coefficient": 300.0, "direction": 0.4},
     "coulomb": {"force": 30.0},
     "quadratic_drag": {"coefficient": 1500.0},
     "load_friction": {"coefficient": 0.2},
@@ -240,3 +240,22 @@ def test_no_voltage_reaches_the_axis_before_the_delay(delay):
     assert found.u[0] > 1.0  # it is asked for at once
     # A voltage is held for a tick, and shows in the position at its end.
     assert moved == int(delay / STEP + 1e-9) + 1
+
+
+@pytest.mark.parametrize("alone", [{"delay": {"jitter": 0.3}}, {"viscous": {"direction": 0.5}}])
+def test_a_dependent_parameter_does_nothing_by_itself(alone):
+    assert same(AXIS.rollout(HARD, 4), AXIS.with_effects(alone).rollout(HARD, 4))
+
+
+def test_a_jitter_varies_the_delay_around_its_mean():
+    """The voltage rises by 1 mV a tick, so the force of a tick says how old its command is."""
+    ticks = 2000
+    command = DriveCommand(np.zeros(ticks), np.zeros(ticks, dtype=bool), 1e-3 * np.arange(ticks))
+    physics = replace(Physics(), delay=0.003, jitter=0.2)
+    found = simulate(command, (0.1, 0.0), physics, draw(Noise.off(), 5, ticks))
+    force = physics.mass * np.diff(found.q, 2) / STEP**2  # mean of two ticks
+    age = np.arange(ticks - 2) + 0.5 - force / (1e-3 * physics.gain)
+    assert age[10:].mean() == pytest.approx(3.0, abs=0.05)
+    assert age[10:].std() == pytest.approx(0.6 / 2**0.5, rel=0.1)
+    again = simulate(command, (0.1, 0.0), physics, draw(Noise.off(), 5, ticks))
+    assert again.q.tobytes() == found.q.tobytes()

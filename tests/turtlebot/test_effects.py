@@ -110,7 +110,7 @@ def test_larger_wheels_arrive_earlier():
 
 def test_a_command_arrives_after_the_delay():
     late = ROBOT.with_effects({"latency": {"delay": 0.05}})  # two and a half ticks
-    part = late._body()[1]
+    part = late._body(0)[1]
     assert [part(float(k), 0.0)[0] for k in range(5)] == pytest.approx([0.0, 0.0, 0.0, 0.5, 1.5])
 
 
@@ -118,7 +118,7 @@ def test_a_command_arrives_after_the_delay():
 def test_nothing_arrives_before_the_delay_and_everything_after_it(ticks):
     """A pulse of one tick: what arrives covers the shares of the two ticks in which it does."""
     delay = ticks * ROBOT.constants.step
-    part = ROBOT.with_effects({"latency": {"delay": delay}})._body()[1]
+    part = ROBOT.with_effects({"latency": {"delay": delay}})._body(0)[1]
     arrived = np.array([part(float(k == 0), float(k == 3)) for k in range(24)])
     for column, sent in ((0, 0), (1, 3)):
         first, share = sent + int(ticks), ticks % 1
@@ -142,6 +142,27 @@ def test_a_dead_time_is_not_what_a_lag_does_at_the_start():
     )
     assert late["x"][6] == -0.8
     assert slow["x"][6] > -0.79
+
+
+@pytest.mark.parametrize("alone", [{"latency": {"jitter": 0.3}}, {"speed_limit": {"own": 1.0}}])
+def test_a_dependent_parameter_does_nothing_by_itself(alone):
+    assert same(ROBOT.rollout(ROUND, 4), ROBOT.with_effects(alone).rollout(ROUND, 4))
+
+
+def test_a_jitter_varies_the_delay_around_its_mean():
+    late = ROBOT.with_effects({"latency": {"delay": 0.1, "jitter": 0.2}})  # 5 ± 1 ticks
+    part = late._body(3)[1]
+    ages = np.array([k - part(float(k), 0.0)[0] for k in range(1000)])[20:]
+    assert (ages.mean(), ages.std()) == pytest.approx((5.0, 1.0), abs=0.1)
+    assert same(late.rollout(ROUND, 3), late.rollout(ROUND, 3))
+    assert not same(late.rollout(ROUND, 3), late.rollout(ROUND, 4))
+
+
+@pytest.mark.parametrize(("own", "wheels"), [(0.0, (0.1, 0.3)), (0.5, (0.15, 0.3)), (1.0, (0.2, 0.3))])
+def test_a_limit_may_hold_for_both_wheels_together_or_for_each(own, wheels):
+    """The left wheel is commanded 0.2 m/s and the right one 0.6 m/s."""
+    v, w = ROBOT.with_effects({"speed_limit": {"speed": 0.3, "own": own}})._body(0)[1](0.4, 0.4 / 0.16)
+    assert (v - 0.08 * w, v + 0.08 * w) == pytest.approx(wheels)
 
 
 def test_whoever_believes_to_be_on_the_left_drives_on_the_right():
