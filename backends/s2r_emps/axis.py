@@ -135,9 +135,6 @@ def _delays(ticks: int, physics: Physics, draws: Draws) -> FloatArray:
     if not p.delay:
         return np.empty(0)
     delays = np.full(ticks, p.delay / STEP)
-    if p.hold:
-        period = p.hold * p.delay / STEP
-        delays *= 1.0 + p.hold * ((np.arange(ticks) + 0.5) / period % 1.0 - 0.5)
     return delays * np.maximum(0.0, 1.0 + p.jitter * draws.delay[:ticks]) if p.jitter else delays
 
 

@@ -25,7 +25,8 @@ _EFFECTS = (  # of a parameter: name, unit, low, high, nominal value, prior, and
            "The friction of the screw grows in proportion to the force that it transmits.",
            ("coefficient", "", 0.0, 0.5, 0.0, "half-normal, 0.1", adds("load_friction"))),
     effect("offset", "load",
-           "A constant force opposes positive motion: the axis is not level, or the drive has a bias.",
+           "A constant force opposes positive motion: the axis is not level, the drive has a bias, or dry friction "
+           "differs between the directions.",
            ("force", "N", -60.0, 60.0, 0.0, "normal, 10 N", adds("offset"))),
     effect("cable", "load", "A cable chain pulls the carriage towards the middle of the axis like a spring.",
            ("stiffness", "N/m", 0.0, 1000.0, 0.0, "half-normal, 200 N/m", adds("cable"))),
@@ -49,8 +50,7 @@ _EFFECTS = (  # of a parameter: name, unit, low, high, nominal value, prior, and
            "The controller's output reaches the drive this much later. It varies from tick to tick; jitter is "
            "its standard deviation, as a share of it.",
            ("time", "s", 0.0, 0.004, 0.0, "half-normal, 0.0015 s", adds("delay")),
-           ("jitter", "", 0.0, 0.5, 0.0, "half-normal, 0.15", adds("jitter")),
-           ("hold", "", 0.0, 2.0, 0.0, "half-normal, 0.5", adds("hold"))),
+           ("jitter", "", 0.0, 0.5, 0.0, "half-normal, 0.15", adds("jitter"))),
     effect("speed_filter", "sensing", "The drive smooths the speed that it feeds back with this time constant.",
            ("time", "s", 0.0, 0.004, 0.0, "half-normal, 0.0015 s", adds("speed_filter"))),
     effect("encoder_ripple", "sensing",

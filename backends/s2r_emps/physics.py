@@ -67,9 +67,7 @@ class Physics:
     delay: float = 0.0
     """Delay between the controller's output and the drive [s]."""
     jitter: float = 0.0
-    """Standard deviation of the delay, as a share of it."""
-    hold: float = 0.0
-    """Period of the drive's cycle, as a share of the delay."""
+    """Standard deviation of the delay from tick to tick, as a share of it."""
     lag: float = 0.0
     """Time constant of the drive's current [s]."""
     sag: float = 0.0
