@@ -189,6 +189,7 @@ class _Work:
         return library(self.bench.backend, experiments, self.bench.pool, progress, self.cache)
 
     def simulated(self, experiments: Sequence[Experiment]) -> Expected:
+        self.tell("timing a rollout of the simulator", 0, 0)
         return of_library(self.bench.backend, most_rollouts(self.bench.backend, experiments, self.cache))
 
     def counted(self, stage: str) -> Bench:

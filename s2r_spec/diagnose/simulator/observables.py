@@ -127,6 +127,11 @@ class Observables:
             start += size
         return tuple(groups)
 
+    @property
+    def size(self) -> int:
+        """The number m of observables."""
+        return sum(size for _, _, size in self._layout())
+
     def vector(self, trace: Trace) -> FloatArray:
         """Return (m,) the observables of a trace with residuals."""
         values = {quantity.name: quantity.of(trace) for quantity in self.quantities}
