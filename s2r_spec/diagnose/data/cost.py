@@ -23,6 +23,8 @@ from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.observables import Observables
 from s2r_spec.diagnose.simulator.runs import SEED
 
+PILOT_TIME = 0.2
+"""Budget: time [s] in which rollouts are repeated to measure theirs; one at least."""
 TINY = 1e-9
 """Tolerance: least declared cost of a rollout [s]."""
 
@@ -81,19 +83,19 @@ def of_library(backend: Backend, rollouts: Mapping[Experiment, int]) -> Expected
 
 
 def _measured(backend: Backend, experiment: Experiment) -> float:
-    """Return the time of one nominal rollout and of its observables [s]; the second, for the first may compile code.
+    """Return the mean time of a nominal rollout and its observables [s], without the first, which may compile code."""
 
-    The observables are chosen once for all rollouts, so that does not count.
-    """
-    for _ in range(2):
-        began = perf_counter()
+    def observed(observables: Observables | None = None) -> Observables:
         trace = experiment.with_residuals(experiment.run(backend, SEED), backend)
-        ran = perf_counter()
-        observables = Observables.of_nominal([trace])
-        chosen = perf_counter()
+        observables = observables or Observables.of_nominal([trace])
         observables.vector(trace)
-        seconds = perf_counter() - chosen + (ran - began)
-    return seconds
+        return observables
+
+    observables, began, count = observed(), perf_counter(), 0
+    while perf_counter() - began < PILOT_TIME:
+        observed(observables)
+        count += 1
+    return (perf_counter() - began) / count
 
 
 def planned_held_out(plan: CampaignPlan) -> int:

@@ -8,7 +8,7 @@ from s2r_cart import Cart
 
 from s2r_spec.diagnose.simulator.cache import Cache
 from s2r_spec.diagnose.simulator.experiments import Experiment
-from s2r_spec.diagnose.simulator.library import library, most_rollouts
+from s2r_spec.diagnose.simulator.library import library
 
 TEST = Experiment.test({"vd": 0.6, "acc": 2.5})
 
@@ -89,41 +89,3 @@ def test_a_damaged_cache_is_made_again(tmp_path, made):
     again = library(Cart(), [TEST], cache=cache)
     assert again.response(TEST).nominal == pytest.approx(first.response(TEST).nominal)
     assert any(str(path) in sentence for sentence in cache.notes)
-
-
-class KilledError(Exception):
-    pass
-
-
-def test_a_library_that_is_stopped_resumes_with_all_runs_that_had_ended(tmp_path, monkeypatch):
-    """An experiment is kept when its last run has ended, and what has ended of another when the process stops."""
-    experiments = [TEST, Experiment.test({"vd": 0.3, "acc": 1.0})]
-    ran, rollout, left = [], Cart.rollout, []
-    stopped, stop = Cache(tmp_path / "stopped"), 0
-
-    def to_run(cache):
-        return sorted(most_rollouts(Cart(), experiments, cache).values())
-
-    def counted(self, params, seed):
-        ran.append(seed)
-        if len(ran) == stop:
-            left.extend(to_run(stopped))
-            raise KilledError
-        return rollout(self, params, seed)
-
-    monkeypatch.setattr(Cart, "rollout", counted)
-    whole = library(Cart(), experiments, cache=Cache(tmp_path / "whole"))
-    every, stop = len(ran), len(ran) - 20
-    ran.clear()
-    with pytest.raises(KilledError):
-        library(Cart(), experiments, cache=stopped)
-    assert left[0] == 0 < left[1]
-    assert 20 <= sum(to_run(stopped)) <= 24
-    again = library(Cart(), experiments, cache=stopped)
-    # The job that was stopped runs again, and so may the next one, which had begun.
-    assert every <= len(ran) <= every + 8
-    assert to_run(stopped) == [0, 0]
-    for one, same in zip(again.responses, whole.responses, strict=True):
-        assert np.array_equal(one.nominal, same.nominal)
-        assert np.array_equal(one.practice.values, same.practice.values)
-        assert all(np.array_equal(a.values, b.values) for a, b in zip(one.curves, same.curves, strict=True))
