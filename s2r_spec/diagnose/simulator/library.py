@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
@@ -21,6 +21,7 @@ from s2r_spec.diagnose.simulator.cache import Cache, source_of
 from s2r_spec.diagnose.simulator.curve import ResponseCurve, Turn
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.observables import ObservableGroup
+from s2r_spec.diagnose.simulator.points import all_points, curved, most_visible, points_of, to_refine
 from s2r_spec.diagnose.simulator.response import Practice, Response, ResponseLibrary, replicates, values_at
 from s2r_spec.diagnose.simulator.runs import (
     NOMINAL_PILOT,
@@ -39,9 +40,6 @@ from s2r_spec.workers.pools import ExecutorFactory
 Progress = Callable[[str, int, int], None]
 """Called with stage, number of jobs done, and number of jobs."""
 
-POINTS = (0.3, 1.0, 2.0)
-"""Definition: coordinates of a response on either side, as far as the range reaches. An effect with a threshold between
-two of them is interpolated; more points cost a run of every experiment each."""
 MACHINES = 24
 """Budget: practice machines; the error of a sum of responses is then known to 15 %."""
 CAUSES = 3
@@ -62,40 +60,107 @@ def library(
     progress: Progress = lambda stage, done, of: None,
     cache: Cache | None = None,
 ) -> ResponseLibrary:
-    """Return the responses of a simulator, from the cache where they are there.
+    """Return the responses of a simulator, as far as possible from runs of the cache.
+
+    Every parameter has its first points; one whose response is no straight line has all of them (:mod:`.points`).
 
     Raises:
         UsageError: the backend declares no effects.
         BackendError: a nominal run fails, or responses to a variant are no numbers.
     """
     cache = Cache.usual() if cache is None else cache
-    design = _Design.of(backend, _cached_parameters(backend, experiments, cache))
-    wanted = {experiment: design.jobs(experiment) for experiment in experiments}
-    places = {experiment: _place(backend, experiment) for experiment in experiments}
+    acts = _cached_parameters(backend, experiments, cache)
+    design = _Design.of(backend, effect_axes(catalogue_of(backend), acts))
     tell = partial(progress, "simulating every effect")
-    runs = simulate(backend, wanted, places, cache, executor, tell)
-    responses = tuple(design.response(experiment, runs[experiment]) for experiment in experiments)
-    return ResponseLibrary(design.parameters, responses)
+    designs = dict.fromkeys(experiments, design)
+    first = ResponseLibrary(design.parameters, _responses(backend, designs, executor, tell, cache))
+    tell = partial(progress, "simulating small sizes")
+    bent = curved(first, refined(backend, first, most_visible(first), executor, tell, cache))
+    if not bent:
+        return first
+    tell = partial(progress, "simulating all sizes of some effects")
+    return refined(backend, first, dict.fromkeys(experiments, bent), executor, tell, cache)
+
+
+def refined(
+    backend: Backend,
+    first: ResponseLibrary,
+    wanted: Mapping[Experiment, Collection[str]],
+    executor: ExecutorFactory | None = None,
+    progress: Callable[[int, int], None] = lambda done, of: None,
+    cache: Cache | None = None,
+) -> ResponseLibrary:
+    """Return a library with all points of further parameters: experiment → their names (:mod:`.points`).
+
+    Raises:
+        BackendError: a worker dies.
+    """
+    designs = {
+        experiment: _Design.of(
+            backend, first.parameters, {*names, *all_points(first.parameters, first.response(experiment))}
+        )
+        for experiment, names in wanted.items()
+    }
+    cache = Cache.usual() if cache is None else cache
+    finer = _responses(backend, designs, executor, progress, cache)
+    own = {one.experiment: one for one in (*first.responses, *finer)}
+    return ResponseLibrary(first.parameters, tuple(own[e] for e in first.experiments))
+
+
+def refined_at(
+    backend: Backend,
+    first: ResponseLibrary,
+    executor: ExecutorFactory | None,
+    progress: Progress,
+    cache: Cache,
+    mean: FloatArray,
+    deviation: FloatArray,
+) -> ResponseLibrary | None:
+    """Return a library with all points of the parameters that may be large, by (K,) mean ± deviation; None for none."""
+    names = to_refine(first.parameters, mean, deviation)
+    if all(names <= all_points(first.parameters, response) for response in first.responses):
+        return None
+    tell = partial(progress, "simulating more sizes")
+    finer = refined(backend, first, dict.fromkeys(first.experiments, names), executor, tell, cache)
+    progress("estimating sizes again", 0, 0)
+    return finer
+
+
+def _responses(
+    backend: Backend,
+    designs: Mapping[Experiment, _Design],
+    executor: ExecutorFactory | None,
+    progress: Callable[[int, int], None],
+    cache: Cache,
+) -> tuple[Response, ...]:
+    wanted = {experiment: design.jobs(experiment) for experiment, design in designs.items()}
+    places = {experiment: _place(backend, experiment) for experiment in designs}
+    runs = simulate(backend, wanted, places, cache, executor, progress)
+    return tuple(design.response(experiment, runs[experiment]) for experiment, design in designs.items())
 
 
 def most_rollouts(
     backend: Backend, experiments: Sequence[Experiment], cache: Cache | None = None
 ) -> dict[Experiment, int]:
-    """Return experiment → largest number of rollouts that its response takes beyond those in the cache.
+    """Return experiment → largest number of rollouts that its response takes; 0 where the cache has the first points.
 
-    Runs nothing. Which parameters act alone is known only after :func:`acting_parameters`, so without its result in
-    the cache every parameter counts, and no run is taken from the cache.
+    Runs nothing. Which parameters need all points is known only later, so all count. Which act alone is known only
+    after :func:`acting_parameters`; without its result in the cache every parameter counts, and no run of the cache.
     """
     cache = Cache.usual() if cache is None else cache
     tried = (cache.folder / _place(backend, tuple(experiments))).is_file()
-    design = _Design.of(backend, _cached_parameters(backend, experiments, cache) if tried else None)
+    acts = _cached_parameters(backend, experiments, cache) if tried else None
+    axes = effect_axes(catalogue_of(backend), acts)
+    first, every = (_Design.of(backend, axes, names) for names in ((), {axis.name for axis in axes}))
     several = [e.parameters for e in catalogue_of(backend) if len(e.parameters) > 1]
     probes = 0 if tried else 1 + sum(map(len, several))
     have = kept(cache, {e: _place(backend, e) for e in experiments}) if tried else {}
 
     def rollouts(experiment: Experiment) -> int:
         rows = have[experiment].rows if experiment in have else {}
-        return probes + sum(len(job.seeds) for job in design.jobs(experiment) if job not in rows)
+        if all(job in rows for job in first.jobs(experiment)):
+            return 0
+        return probes + sum(len(job.seeds) for job in every.jobs(experiment) if job not in rows)
 
     return {experiment: rollouts(experiment) for experiment in experiments}
 
@@ -120,11 +185,14 @@ class _Design:
 
     parameters: tuple[EffectAxis, ...]
     variants: tuple[str, ...]
+    points: tuple[tuple[float, ...], ...]
+    """Coordinates of the response to every parameter."""
 
     @classmethod
-    def of(cls, backend: Backend, acts: Mapping[str, frozenset[str]] | None) -> _Design:
+    def of(cls, backend: Backend, parameters: Sequence[EffectAxis], refined: Collection[str] = ()) -> _Design:
         variants = backend.variants() if isinstance(backend, HasVariants) else ()
-        return cls(effect_axes(catalogue_of(backend), acts), tuple(variants))
+        points = tuple(points_of(axis, axis.name in refined) for axis in parameters)
+        return cls(tuple(parameters), tuple(variants), points)
 
     @cached_property
     def machines(self) -> list[tuple[FloatArray, str]]:
@@ -160,8 +228,8 @@ class _Design:
         """Return all runs of an experiment."""
         points = [
             _point_job(experiment, axis, coordinate)
-            for axis in self.parameters
-            for coordinate in _points(axis)
+            for axis, coordinates in zip(self.parameters, self.points, strict=True)
+            for coordinate in coordinates
         ]
         variants = [Job.of({}, replicates(experiment), name) for name in self.variants]
         return list(dict.fromkeys([NOMINAL_PILOT, NOMINAL_REST, *points, *variants, *self._practice_jobs()]))
@@ -184,10 +252,10 @@ class _Design:
                 # A dependent parameter's response is that beside the first parameter of its effect.
                 first = next(p for p in self.parameters if p.effect == axis.effect and not p.base)
                 at = first.coordinate(first.at_typical())
-                near = min(_points(first), key=lambda c: abs(c - at))
+                near = min(points_of(first), key=lambda c: abs(c - at))
                 before = rows[_point_job(experiment, first, near)]
             points, scatter = {0.0: np.zeros_like(reference)}, []
-            for coordinate in _points(axis):
+            for coordinate in self.points[k]:
                 moved = rows[_point_job(experiment, axis, coordinate)].astype(float)
                 moved = moved - before[: len(moved)]
                 if np.isfinite(moved).any():  # a machine that fell at once shows nothing
@@ -220,21 +288,10 @@ class _Design:
 
 
 def _point_job(experiment: Experiment, axis: EffectAxis, coordinate: float) -> Job:
-    """Return the runs of one point; nearest to ±1 there are two, which show the scatter of the response."""
-    side = [abs(c) for c in _points(axis) if c * coordinate > 0.0]
-    middle = abs(coordinate) == min(side, key=lambda size: abs(size - 1.0))
-    return Job.of(axis.at(axis.value(coordinate)), 2 if middle else replicates(experiment))
-
-
-def _points(axis: EffectAxis) -> list[float]:
-    """Return the coordinates of a response, rising, without 0; of an angle that may be any, the quarters of a turn."""
-    if axis.is_phase:
-        return [-0.5, 0.5, 1.0]
-    points = set()
-    for sign in (-1.0, 1.0):
-        reach = max(sign * end for end in axis.ends)
-        points |= {sign * min(point, reach) for point in POINTS if reach > 1e-9 and point < 1.5 * reach}
-    return sorted(points)
+    """Return the runs of one point; of the first points there are two, which show the scatter of the response."""
+    return Job.of(
+        axis.at(axis.value(coordinate)), 2 if coordinate in points_of(axis) else replicates(experiment)
+    )
 
 
 def _scatter(moved: FloatArray, groups: Sequence[ObservableGroup]) -> FloatArray:
