@@ -13,7 +13,7 @@ Units: θ in typical sizes. Shapes: K parameters, G groups, n_p observables of e
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -34,6 +34,8 @@ from s2r_spec.diagnose.simulator.response import ResponseLibrary
 from s2r_spec.trace import Trace
 from s2r_spec.workers.pools import ExecutorFactory
 
+Refine = Callable[[FloatArray, FloatArray], ResponseLibrary | None]
+"""Returns a library with more points for (K,) means and (K,) deviations, or None if it would be the same."""
 CORRECTIONS = 3
 """Budget: most runs of the simulator at the posterior mean. The most probable sets share :data:`SIMULATED` times as
 many."""
@@ -70,10 +72,12 @@ def estimate(
     traces: Mapping[Experiment, Sequence[Trace]],
     corrections: int = CORRECTIONS,
     executor: ExecutorFactory | None = None,
+    refine: Refine | None = None,
 ) -> Estimate:
     """Return the estimate of a machine, from experiment → real runs.
 
     The simulator runs at most ``corrections`` times at the posterior mean, in a pool or here; 0 means no run at all.
+    ``refine`` may give a library with more points after the first fit, which then begins again.
 
     Raises:
         UsageError: there is no run, an experiment is not in the library, or no run has a channel of the simulator.
@@ -97,6 +101,8 @@ def estimate(
     problem = Problem(tuple(observations), prior)
     joint = _joint_fit(library, problem)
     first = posterior(joint.likelihood, joint.theta, prior)
+    if refine is not None and (finer := refine(*moments(first))) is not None:
+        return estimate(backend, finer, traces, corrections, executor)
     for _ in range(corrections):
         before, deviation = moments(first)
         problem = corrected(problem, before)

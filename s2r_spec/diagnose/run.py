@@ -60,7 +60,7 @@ from s2r_spec.diagnose.simulator.axes import Values
 from s2r_spec.diagnose.simulator.bench import Bench, TestRun, refuse_machine, travels
 from s2r_spec.diagnose.simulator.cache import Cache
 from s2r_spec.diagnose.simulator.experiments import Experiment
-from s2r_spec.diagnose.simulator.library import library, most_rollouts
+from s2r_spec.diagnose.simulator.library import library, most_rollouts, refined_at
 from s2r_spec.diagnose.simulator.response import ResponseLibrary
 from s2r_spec.diagnose.watched import Progress, Watched
 from s2r_spec.runs.repeatability import check_here, is_repeated
@@ -189,6 +189,7 @@ class _Work:
         return library(self.bench.backend, experiments, self.bench.pool, progress, self.cache)
 
     def simulated(self, experiments: Sequence[Experiment]) -> Expected:
+        self.tell("timing a rollout of the simulator", 0, 0)
         return of_library(self.bench.backend, most_rollouts(self.bench.backend, experiments, self.cache))
 
     def counted(self, stage: str) -> Bench:
@@ -337,7 +338,8 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
     tell("where the simulator falls", 0, 0)
     why, alone = falls(bench, axes, tests, nominal), falls_alone(tests, nominal)
     tell("estimating sizes", 0, 0)
-    fitted = estimate(bench.backend, data.responses, data.train(bench), executor=bench.pool)
+    refine = partial(refined_at, bench.backend, data.responses, bench.pool, tell, work.cache)
+    fitted = estimate(bench.backend, data.responses, data.train(bench), executor=bench.pool, refine=refine)
     sizes = _sizes(work, fitted)
     tuned = data.responses.values(mean_sizes(fitted.posterior))
     patch = {one.effect: one.values for one in with_status(sizes, Status.NAMED)}
@@ -383,8 +385,7 @@ def _idle(responses: ResponseLibrary) -> list[str]:
         for axis, curve in zip(responses.parameters, response.curves, strict=True)
         if np.any(np.nan_to_num(curve.values))
     }
-    effects = dict.fromkeys(axis.effect for axis in responses.parameters)
-    return [effect for effect in effects if effect not in acting]
+    return [e for e in dict.fromkeys(axis.effect for axis in responses.parameters) if e not in acting]
 
 
 def _locate(work: _Work, rollouts: Sequence[TestRun], improved: Values) -> Where:

@@ -1,26 +1,30 @@
-"""What a diagnosis will cost is told before its first rollout."""
+"""What a diagnosis will cost is told before its first real rollout."""
+
+from dataclasses import replace
+from time import sleep
 
 import pytest
 
 import s2r_spec as s2r
 from s2r_spec.diagnose.data.campaign import smallest_with_held_out
-from tests.diagnose.toy import Toy
+from s2r_spec.diagnose.data.cost import of_library
+from tests.diagnose.toy import TEST, Toy
 
 TOY = s2r.parse_spec("param v in [0, 1]\nsignal x {N}\nrequire small: always[0, 0.9 s] (abs(x) <= 2 {N})")
 
 
 class Told:
-    """A progress that keeps the cost, and how many rollouts had run when it came."""
+    """A progress that keeps the cost, and the machines of all rollouts before it came."""
 
     def __init__(self, ran):
-        self.ran, self.cost, self.before = ran, None, None
+        self.ran, self.cost, self.before = ran, None, []
 
     def __call__(self, stage, done, of):
         pass
 
     def expect(self, cost):
         assert self.cost is None
-        self.cost, self.before = cost, len(self.ran)
+        self.cost, self.before = cost, list(self.ran)
 
 
 @pytest.fixture
@@ -38,12 +42,12 @@ def ran(monkeypatch):
 
 @pytest.mark.parametrize("budget", [10, smallest_with_held_out(1)])
 def test_rollouts_and_held_out_tests_are_known_before_the_first(tmp_path, ran, budget):
-    told, machine = Told(ran), Toy()
+    told, machine = Told(ran), Toy((("a", 0.5),))
     found = s2r.diagnose(
         TOY, Toy(), machine, budget, cache=tmp_path, folder=tmp_path / "real", progress=told, passive=True
     )
     cost = told.cost
-    assert told.before == 0
+    assert {one.added for one in told.before} == {()}
     assert cost.real.rollouts == found.provenance["rollouts"] == budget
     assert cost.real.seconds == pytest.approx(budget * machine.cost)
     assert (cost.held_out > 0) == (found.provenance["held_out"] > 0) == (budget >= cost.enough)
@@ -55,6 +59,19 @@ def test_rollouts_and_held_out_tests_are_known_before_the_first(tmp_path, ran, b
     assert again.cost.real.rollouts == 0
 
 
+@pytest.mark.parametrize("declared", [0.0, 1e-6, 100.0])
+def test_the_time_of_simulations_is_measured(declared):
+    class Slow(Toy):
+        def rollout(self, params, seed):
+            sleep(0.05)
+            return super().rollout(params, seed)
+
+    expected = of_library(Slow(cost=declared), {TEST: 40, replace(TEST, params=(("v", 0.1),)): 60})
+    assert expected.rollouts == 100
+    assert 5.0 <= expected.seconds <= 10.0
+    assert of_library(Slow(), {TEST: 0}).seconds == 0.0
+
+
 def test_recordings_cost_only_simulations(tmp_path, ran):
     machine = Toy()
     tests = [{"v": v / 11} for v in range(12)]
@@ -62,7 +79,8 @@ def test_recordings_cost_only_simulations(tmp_path, ran):
     ran.clear()
     told = Told(ran)
     found = s2r.diagnose(TOY, Toy(), rollouts, cache=tmp_path, progress=told)
-    assert (told.before, told.cost.real, told.cost.enough) == (0, None, None)
+    assert {one.added for one in told.before} == {()}
+    assert (told.cost.real, told.cost.enough) == (None, None)
     assert (told.cost.held_out > 0) == (found.provenance["held_out"] > 0)
     again = Told(ran)
     s2r.diagnose(TOY, Toy(), rollouts, cache=tmp_path, progress=again)

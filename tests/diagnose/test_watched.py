@@ -41,7 +41,8 @@ def test_a_diagnosis_names_its_stages_and_counts_to_the_end_of_each(tmp_path):
         progress=lambda *now: progress.append(now),
     )
     stages = list(dict.fromkeys(stage for stage, _, _ in progress))
-    assert stages[:3] == ["trying each effect", "simulating every effect", "real rollouts"]
+    first = ["trying each effect", "simulating every effect", "simulating small sizes", "real rollouts"]
+    assert stages[:4] == first
     assert {"estimating sizes", "gap before and after", "unexplained motion", "where"} <= set(stages)
     for stage in stages:
         counts = [(done, of) for name, done, of in progress if name == stage]

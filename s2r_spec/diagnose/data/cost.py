@@ -1,7 +1,8 @@
 """What a diagnosis will cost, known before its first rollout.
 
 Numbers of rollouts are largest ones: a campaign ends earlier when nothing is open. The simulator's are those of the
-library; the fits after it run as many more as they need. Times are sums of declared costs [s].
+library; the fits after it run as many more as they need. Times [s] are sums of declared costs. The simulator's are
+multiplied by the measured time of one rollout over its declared cost.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from time import perf_counter
 from typing import Protocol, runtime_checkable
 
 from s2r_spec.backend import Backend
@@ -18,6 +20,13 @@ from s2r_spec.diagnose.data.campaign import CampaignPlan
 from s2r_spec.diagnose.data.journal import TRACES
 from s2r_spec.diagnose.data.split import number_held_out
 from s2r_spec.diagnose.simulator.experiments import Experiment
+from s2r_spec.diagnose.simulator.observables import Observables
+from s2r_spec.diagnose.simulator.runs import SEED
+
+PILOT_TIME = 0.2
+"""Budget: time [s] in which rollouts are repeated to measure theirs; one at least."""
+TINY = 1e-9
+"""Tolerance: least declared cost of a rollout [s]."""
 
 
 @dataclass(frozen=True)
@@ -65,8 +74,28 @@ def on_machine(machine: Backend, plan: CampaignPlan, folder: Path | None) -> Exp
 
 
 def of_library(backend: Backend, rollouts: Mapping[Experiment, int]) -> Expected:
-    """Return the rollouts of a library: experiment → number."""
-    return Expected(backend.name, sum(rollouts.values()), _seconds(backend, rollouts))
+    """Return the rollouts of a library: experiment → number. One of these experiments is run, to measure its time."""
+    ahead = {experiment: count for experiment, count in rollouts.items() if count}
+    seconds = 0.0
+    for one in list(ahead)[:1]:
+        seconds = _seconds(backend, ahead) * _measured(backend, one) / _seconds(backend, {one: 1})
+    return Expected(backend.name, sum(ahead.values()), seconds)
+
+
+def _measured(backend: Backend, experiment: Experiment) -> float:
+    """Return the mean time of a nominal rollout and its observables [s], without the first, which may compile code."""
+
+    def observed(observables: Observables | None = None) -> Observables:
+        trace = experiment.with_residuals(experiment.run(backend, SEED), backend)
+        observables = observables or Observables.of_nominal([trace])
+        observables.vector(trace)
+        return observables
+
+    observables, began, count = observed(), perf_counter(), 0
+    while perf_counter() - began < PILOT_TIME:
+        observed(observables)
+        count += 1
+    return (perf_counter() - began) / count
 
 
 def planned_held_out(plan: CampaignPlan) -> int:
@@ -78,4 +107,4 @@ def _seconds(backend: Backend, rollouts: Mapping[Experiment, int]) -> float:
     protocols = backend.protocols() if isinstance(backend, HasProtocols) else ()
     costs = {protocol.name: float(protocol.cost) for protocol in protocols}
     usual = float(backend.cost)
-    return sum(count * costs.get(experiment.protocol, usual) for experiment, count in rollouts.items())
+    return sum(count * max(costs.get(e.protocol, usual), TINY) for e, count in rollouts.items())

@@ -11,6 +11,7 @@ import inspect
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -31,12 +32,10 @@ class Cache:
             return cls(Path(folder))
         return cls(Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "s2r")
 
-    def kept(
-        self, place: str, load: Callable[[Path], T], make: Callable[[], T], save: Callable[[T, Path], None]
-    ) -> T:
-        """Return what a file below the folder holds, or make it and write it there.
+    def read(self, place: str, load: Callable[[Path], T]) -> T | None:
+        """Return what a file below the folder holds; None if there is none, or if it is damaged.
 
-        ``load`` reads it as data, and raises whatever it likes if it is not what ``save`` writes. The place ends in
+        ``load`` reads it as data, and raises whatever it likes if it is not what belongs there. The place ends in
         ".npz".
         """
         path = self.folder / place
@@ -45,12 +44,16 @@ class Cache:
                 return load(path)
             except Exception:  # what a file of unknown content raises has no end: zip, JSON, memory, shapes
                 self.notes.append(f"the cache file {path} was damaged, and was made again")
-        made = make()
+        return None
+
+    def write(self, place: str, save: Callable[[Path], None]) -> None:
+        """Write a file below the folder by ``save``; another process sees it only when it is whole."""
+        path = self.folder / place
         part = path.with_suffix(f".{os.getpid()}.part.npz")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            try:  # it is put there when it is whole
-                save(made, part)
+            try:
+                save(part)
                 part.replace(path)
             finally:
                 part.unlink(missing_ok=True)
@@ -58,6 +61,15 @@ class Cache:
             self.notes.append(
                 f"the cache file {path} could not be written ({error.strerror}), so the next diagnosis makes it again"
             )
+
+    def kept(
+        self, place: str, load: Callable[[Path], T], make: Callable[[], T], save: Callable[[T, Path], None]
+    ) -> T:
+        """Return what a file below the folder holds, or make it and write it there; see :meth:`read`."""
+        made = self.read(place, load)
+        if made is None:
+            made = make()
+            self.write(place, partial(save, made))
         return made
 
 

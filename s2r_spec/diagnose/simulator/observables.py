@@ -18,9 +18,10 @@ difference, which nearly vanish in a nominal trace, it is at least 5 % of the sc
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, pairwise
+from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 
@@ -122,18 +123,42 @@ class Observables:
     def groups(self) -> tuple[ObservableGroup, ...]:
         """The groups of a vector, in its order."""
         groups, start = [], 0
-        for quantity, statistic, size in self._layout():
+        for quantity, statistic, size in self._layout:
             groups.append(ObservableGroup(quantity.name, statistic, start, start + size))
             start += size
         return tuple(groups)
 
+    @property
+    def size(self) -> int:
+        """The number m of observables."""
+        return sum(size for _, _, size in self._layout)
+
     def vector(self, trace: Trace) -> FloatArray:
         """Return (m,) the observables of a trace with residuals."""
         values = {quantity.name: quantity.of(trace) for quantity in self.quantities}
-        parts = [
-            self._statistic(quantity, statistic, values, trace) for quantity, statistic, _ in self._layout()
-        ]
-        return np.concatenate(parts) if parts else np.zeros(0)
+        if not values:
+            return np.zeros(0)
+        times = trace.times - trace.times[0]
+        wide = np.hstack(list(values.values()))
+        edges = np.linspace(0.0, 1.0, BINS + 1) if self.clocked else np.array(WINDOWS)
+        rows = {
+            "bin" if self.clocked else "mean": _means(wide, times, self.duration * edges),
+            "ripple": _ripple(wide, times, self.duration),
+        }
+        ends = np.cumsum([quantity.scale.size for quantity in self.quantities])
+        own = {q.name: slice(end - q.scale.size, end) for q, end in zip(self.quantities, ends, strict=True)}
+        forms = {name: _forms(values[name], times, self.duration) for name in self._factors}
+        parts = []
+        for quantity, statistic, _ in self._layout:
+            x = values[quantity.name]
+            if statistic in rows:
+                parts.append(rows[statistic][:, own[quantity.name]].ravel())
+            elif statistic == "flag":
+                parts += [_in_phases(x, trace, flag, width) for flag, width in self._flags_of(quantity)]
+            else:
+                products = (form for name in self._partners(quantity) for form in forms[name])
+                parts += [np.einsum("ij,ij->j", x, form) / len(x) for form in products]
+        return np.concatenate(parts)
 
     def _agrees(self, traces: Sequence[Trace]) -> bool:
         """Whether means over 50 parts, of all channels in units of their scales, differ more in time than by run."""
@@ -143,7 +168,6 @@ class Observables:
             if quantity.residual:
                 continue
             parts = np.array([_means(quantity.of(t), t.times - t.times[0], edges) for t in traces])
-            parts = parts.reshape(len(traces), BINS, -1)
             scatter = float(parts.var(axis=0, ddof=1).mean()) if len(traces) > 1 else 0.0
             noise += scatter
             signal += float(parts.mean(axis=0).var(axis=0).mean()) - scatter / len(traces)
@@ -154,30 +178,21 @@ class Observables:
         channels = [q for q in self.quantities if one.residual and not q.residual]
         return [q.name for q in channels if q.scale.size == one.scale.size]
 
+    @cached_property
+    def _factors(self) -> set[str]:
+        """Names of the channels with which any residual is multiplied."""
+        return {name for quantity in self.quantities for name in self._partners(quantity)}
+
     def _flags_of(self, one: ObservedQuantity) -> list[tuple[str, int]]:
         width = one.scale.size
         return [(name, k) for name, k in self.flags if width % k == 0 and (k > 1 or width == 1)]
 
-    def _statistic(
-        self, quantity: ObservedQuantity, statistic: str, values: Mapping[str, FloatArray], trace: Trace
-    ) -> FloatArray:
-        x, times = values[quantity.name], trace.times - trace.times[0]
-        if statistic == "bin":
-            return _means(x, times, np.linspace(0.0, self.duration, BINS + 1))
-        if statistic == "mean":
-            return _means(x, times, self.duration * np.array(WINDOWS))
-        if statistic == "ripple":
-            return _ripple(x, times, self.duration)
-        if statistic == "flag":
-            phases = [_in_phases(x, trace, flag, width) for flag, width in self._flags_of(quantity)]
-            return np.concatenate(phases)
-        rows = []
-        for s in (values[partner] for partner in self._partners(quantity)):
-            rate = np.gradient(s, times, axis=0) * self.duration if len(times) > 1 else np.zeros_like(s)
-            rows += [(x * s).mean(axis=0), (x * np.sign(s)).mean(axis=0), (x * rate).mean(axis=0)]
-        return np.concatenate(rows)
+    @cached_property
+    def _layout(self) -> tuple[tuple[ObservedQuantity, str, int], ...]:
+        """Quantity, statistic and size of every group."""
+        return tuple(self._sizes())
 
-    def _layout(self) -> Iterator[tuple[ObservedQuantity, str, int]]:
+    def _sizes(self) -> Iterator[tuple[ObservedQuantity, str, int]]:
         for quantity in self.quantities:
             width = quantity.scale.size
             yield (
@@ -221,17 +236,27 @@ def _scale(x: FloatArray, least: float) -> FloatArray:
 
 
 def _means(x: FloatArray, times: FloatArray, edges: FloatArray) -> FloatArray:
-    """Return the means between edges [s], flat; NaN for a part of which less than half was recorded."""
-    rows = []
+    """Return (parts, columns) the means between edges [s]; NaN for a part of which less than half was recorded."""
+    places = np.searchsorted(times, edges - 1e-9)
+    count = np.diff(places)
     period = times[-1] / max(len(times) - 1, 1)
-    for low, high in pairwise(edges):
-        inside = slice(*np.searchsorted(times, (low - 1e-9, high - 1e-9)))
-        whole = times[-1] + period > (low + high) / 2 and x[inside].size
-        rows.append(x[inside].mean(axis=0) if whole else np.full(x.shape[1], np.nan))
-    return np.concatenate(rows)
+    whole = (times[-1] + period > (edges[:-1] + edges[1:]) / 2) & (count > 0)
+    means = np.full((count.size, x.shape[1]), np.nan)
+    if whole.any():
+        # Parts without samples have no width here, so the others follow one another.
+        sums = np.add.reduceat(x[: places[-1]], places[:-1][count > 0], axis=0)
+        means[whole] = sums[whole[count > 0]] / count[whole][:, None]
+    return means
+
+
+def _forms(s: FloatArray, times: FloatArray, duration: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return (n, columns) s, its sign and its derivative, with which residuals are multiplied."""
+    rate = np.gradient(s, times, axis=0) * duration if len(times) > 1 else np.zeros_like(s)
+    return s, np.sign(s), rate
 
 
 def _ripple(x: FloatArray, times: FloatArray, duration: float) -> FloatArray:
+    """Return (3, columns) logarithms of the scatter within blocks of either half, and of all samples."""
     block = np.minimum((times / (duration / BLOCKS) + 1e-9).astype(int), BLOCKS - 1)
     starts = np.flatnonzero(np.diff(block, prepend=-1))
     counts = np.diff(np.append(starts, len(times)))[:, None]
@@ -242,7 +267,7 @@ def _ripple(x: FloatArray, times: FloatArray, duration: float) -> FloatArray:
         np.sqrt(squares[part].mean(axis=0)) if part.any() else np.full(x.shape[1], np.nan)
         for part in (~late, late)
     ]
-    return np.log(np.concatenate([*halves, x.std(axis=0)]) + FLOOR)
+    return np.log(np.array([*halves, x.std(axis=0)]) + FLOOR)
 
 
 def _in_phases(x: FloatArray, trace: Trace, flag: str, width: int) -> FloatArray:
@@ -253,7 +278,8 @@ def _in_phases(x: FloatArray, trace: Trace, flag: str, width: int) -> FloatArray
     means = []
     for weight in (on, 1.0 - on):
         total = weight.sum(axis=0)
-        means.append(np.where(total > 0, (weight * x).sum(axis=0) / np.where(total > 0, total, 1.0), np.nan))
+        mean = np.einsum("ij,ij->j", weight, x) / np.where(total > 0, total, 1.0)
+        means.append(np.where(total > 0, mean, np.nan))
     return np.concatenate(means)
 
 

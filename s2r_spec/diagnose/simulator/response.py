@@ -13,20 +13,18 @@ observables, K parameters, V variants, M practice machines.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.base.arrays import FloatArray
 from s2r_spec.diagnose.simulator.axes import EffectAxis, Values
-from s2r_spec.diagnose.simulator.curve import ResponseCurve, Turn
+from s2r_spec.diagnose.simulator.curve import ResponseCurve
 from s2r_spec.diagnose.simulator.experiments import RESIDUAL, Experiment
-from s2r_spec.diagnose.simulator.observables import ObservableGroup, Observables, ObservedQuantity
+from s2r_spec.diagnose.simulator.observables import ObservableGroup, Observables
 
 REPLICATES = {"test": 2, "protocol": 1}
 """Budget: runs of a response. A test's controller has a clock of its own, so that its runs differ more."""
@@ -110,78 +108,6 @@ class Response:
         parts = [g for g in self.observables.groups if g.statistic in ("bin", "mean")]
         bins = np.array([place for g in parts for place in range(g.start, g.stop)], dtype=np.int64)
         return bins[np.isfinite(self.nominal[bins])]
-
-    def save(self, path: Path) -> None:
-        """Write it as NPZ, numbers that are known in single precision as such."""
-        o = self.observables
-        header = {
-            "experiment": (self.experiment.protocol, self.experiment.params),
-            "duration": o.duration,
-            "flags": o.flags,
-            "clocked": o.clocked,
-            "turns": [isinstance(curve, Turn) for curve in self.curves],
-            "quantities": [(q.name, q.channel, q.minus, q.scale.tolist()) for q in o.quantities],
-        }
-        np.savez_compressed(
-            path,
-            header=np.array(json.dumps(header)),
-            nominal=self.nominal,
-            scatter=self.scatter.astype(np.float32),
-            reference=self.reference,
-            sizes=np.array([curve.coordinates.size for curve in self.curves]),
-            coordinates=np.concatenate([curve.coordinates for curve in self.curves]),
-            values=np.concatenate([curve.values for curve in self.curves]).astype(np.float32),
-            spread=self.spread.astype(np.float32),
-            variants=self.variants.astype(np.float32),
-            theta=self.practice.theta,
-            variant=self.practice.variant,
-            practice=self.practice.values.astype(np.float32),
-        )
-
-    @classmethod
-    def load(cls, path: Path) -> Response:
-        """Read it as data.
-
-        Raises:
-            Exception: of any kind, if it is not what :meth:`save` writes.
-        """
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
-            read = {name: x.astype(float) if x.dtype == np.float32 else x for name, x in arrays.items()}
-        header = json.loads(str(read["header"]))
-        protocol, params = header["experiment"]
-        quantities = tuple(
-            ObservedQuantity(name, channel, minus, np.array(scale))
-            for name, channel, minus, scale in header["quantities"]
-        )
-        flags = tuple((name, int(width)) for name, width in header["flags"])
-        edges = np.cumsum(read["sizes"])[:-1]
-        points = zip(np.split(read["coordinates"], edges), np.split(read["values"], edges), strict=True)
-        kinds = [Turn if turn else ResponseCurve for turn in header["turns"]]
-        response = cls(
-            Experiment(protocol, tuple((name, value) for name, value in params)),
-            Observables(float(header["duration"]), quantities, flags, bool(header["clocked"])),
-            read["nominal"],
-            read["scatter"],
-            read["reference"],
-            tuple(kind(*own) for kind, own in zip(kinds, points, strict=True)),
-            read["spread"],
-            read["variants"],
-            Practice(read["theta"], read["variant"], read["practice"]),
-        )
-        if not response._is_whole():
-            raise ValueError("the arrays do not fit the observables")
-        return response
-
-    def _is_whole(self) -> bool:
-        size, practice = self.observables.groups[-1].stop, self.practice
-        rows = (self.nominal, self.scatter, self.reference, *self.spread, *self.variants, *practice.values)
-        return (
-            all(row.shape == (size,) for row in rows)
-            and all(c.values.shape == (c.coordinates.size, size) for c in self.curves)
-            and len(self.spread) == practice.theta.shape[1] == len(self.curves)
-            and len(practice.theta) == len(practice.variant) == len(practice.values)
-            and practice.variant.shape[1] == len(self.variants)
-        )
 
 
 def replicates(experiment: Experiment) -> int:

@@ -1,0 +1,263 @@
+"""Runs of the simulator, reduced to observables where they are made, and kept as they end.
+
+What is kept of an experiment is one file: its observables, and a row of them for each run. A response is computed from
+rows, so a library that needs further runs finds the earlier ones there, and so does one that was killed.
+
+Shapes: m observables.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import BrokenExecutor, as_completed
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import lru_cache, partial
+from pathlib import Path
+from time import monotonic
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.backend import Backend, HasEffects, HasVariants
+from s2r_spec.backend.files import pack, unpack
+from s2r_spec.base.errors import BackendError
+from s2r_spec.diagnose.simulator.axes import Values
+from s2r_spec.diagnose.simulator.cache import Cache
+from s2r_spec.diagnose.simulator.experiments import Experiment
+from s2r_spec.diagnose.simulator.observables import Observables, ObservedQuantity
+from s2r_spec.workers.pools import ExecutorFactory, in_this_process
+
+K = TypeVar("K")
+T = TypeVar("T")
+
+PILOT = 4
+"""Budget: nominal runs that decide which observables there are. With two, a gait may agree in time by chance."""
+SEED = 1_000
+"""Definition: seed of the first run; no rollout of a certificate has it."""
+EVERY = 20.0
+"""Budget: time between two savings of an experiment's runs [s]; a killed process loses at most the runs since."""
+
+Rows = NDArray[np.float32]
+"""(runs, m) observables of runs; NaN where a run ended before."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """Runs of one experiment on one machine."""
+
+    values: tuple[tuple[str, tuple[tuple[str, float], ...]], ...]
+    variant: str
+    seeds: tuple[int, ...]
+
+    @classmethod
+    def of(cls, values: Values, runs: int, variant: str = "", first: int = 0) -> Job:
+        """Return runs with seeds in a row; the first of all has the number 0."""
+        frozen = tuple((effect, tuple(sorted(own.items()))) for effect, own in sorted(values.items()))
+        return cls(frozen, variant, tuple(range(SEED + first, SEED + first + runs)))
+
+
+NOMINAL_PILOT = Job.of({}, PILOT)
+"""Definition: the runs that decide the observables."""
+
+
+@dataclass
+class Runs:
+    """What was run of one experiment: its observables, and the rows of every job. It grows."""
+
+    observables: Observables
+    rows: dict[Job, Rows] = field(default_factory=dict)
+
+    def save(self, path: Path) -> None:
+        """Write it as NPZ."""
+        o = self.observables
+        header = {
+            "duration": o.duration,
+            "flags": o.flags,
+            "clocked": o.clocked,
+            "quantities": [(q.name, q.channel, q.minus, q.scale.tolist()) for q in o.quantities],
+            "jobs": [(job.values, job.variant, job.seeds) for job in self.rows],
+        }
+        rows = np.concatenate([*self.rows.values(), np.zeros((0, o.size), dtype=np.float32)])
+        np.savez_compressed(path, header=np.array(json.dumps(header)), rows=rows)
+
+    @classmethod
+    def load(cls, path: Path) -> Runs:
+        """Read it as data.
+
+        Raises:
+            Exception: of any kind, if it is not what :meth:`save` writes.
+        """
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+            header, rows = json.loads(str(arrays["header"])), np.asarray(arrays["rows"], dtype=np.float32)
+        quantities = tuple(
+            ObservedQuantity(name, channel, minus, np.array(scale))
+            for name, channel, minus, scale in header["quantities"]
+        )
+        flags = tuple((name, int(width)) for name, width in header["flags"])
+        runs = cls(Observables(float(header["duration"]), quantities, flags, bool(header["clocked"])))
+        jobs = [
+            Job.of({effect: dict(own) for effect, own in values}, len(seeds), variant, seeds[0] - SEED)
+            for values, variant, seeds in header["jobs"]
+        ]
+        ends = np.cumsum([len(job.seeds) for job in jobs])
+        if rows.shape != (ends[-1], runs.observables.size):
+            raise ValueError("the rows do not fit the observables and the jobs")
+        runs.rows = dict(zip(jobs, np.split(rows, ends[:-1]), strict=True))
+        return runs
+
+
+def kept(cache: Cache, places: Mapping[Experiment, str]) -> dict[Experiment, Runs]:
+    """Return the runs that a cache has, from experiment → file below its folder."""
+    found = {experiment: cache.read(place, Runs.load) for experiment, place in places.items()}
+    return {experiment: runs for experiment, runs in found.items() if runs is not None}
+
+
+def simulate(
+    backend: Backend,
+    wanted: Mapping[Experiment, Sequence[Job]],
+    places: Mapping[Experiment, str],
+    cache: Cache,
+    executor: ExecutorFactory | None = None,
+    progress: Callable[[int, int], None] = lambda done, of: None,
+) -> dict[Experiment, Runs]:
+    """Return the runs of all wanted jobs: those that the cache has, and the rest, which runs now and is kept.
+
+    The experiments run one after the other, the longest first, so that most are whole early and no worker waits at the
+    end.
+
+    Raises:
+        BackendError: a nominal run fails, or a worker dies.
+    """
+    every = kept(cache, places)
+    missing = {e: [j for j in jobs if e not in every or j not in every[e].rows] for e, jobs in wanted.items()}
+    new = {experiment: () for experiment in wanted if experiment not in every}
+    what, of = f"simulated effects on backend {backend.name!r}", sum(map(len, missing.values()))
+    done, file = 0, _Files(cache, places, every)
+
+    def length(experiment: Experiment) -> float:
+        return every[experiment].observables.duration * sum(len(job.seeds) for job in missing[experiment])
+
+    with file.saving():
+        for experiment, runs in each(backend, pilot, new, executor, what):
+            every[experiment] = runs
+            missing[experiment] = [job for job in missing[experiment] if job not in runs.rows]
+            file.grown(experiment)
+            progress(done := done + 1, of)
+        jobs = {
+            (e, job): (every[e].observables,)
+            for e in sorted(wanted, key=length, reverse=True)
+            for job in sorted(missing[e], key=lambda job: -len(job.seeds))
+        }
+        for (experiment, job), rows in each(backend, vectors, jobs, executor, what):
+            every[experiment].rows[job] = rows
+            missing[experiment].remove(job)
+            file.grown(experiment, whole=not missing[experiment])
+            progress(done := done + 1, of)
+    return every
+
+
+class _Files:
+    """The files of runs that grow. A killed process loses at most the runs of :data:`EVERY` seconds."""
+
+    def __init__(
+        self, cache: Cache, places: Mapping[Experiment, str], runs: Mapping[Experiment, Runs]
+    ) -> None:
+        self._cache, self._places, self._runs = cache, places, runs
+        self._unsaved: dict[Experiment, None] = {}
+        self._saved_at = monotonic()
+
+    def grown(self, experiment: Experiment, whole: bool = False) -> None:
+        """Take note of new rows; write them if the experiment is whole, or if the last writing was long ago."""
+        self._unsaved[experiment] = None
+        if whole:
+            self._save(experiment)
+        if monotonic() - self._saved_at > EVERY:
+            self._save(*self._unsaved)
+            self._saved_at = monotonic()
+
+    @contextmanager
+    def saving(self) -> Iterator[None]:
+        """Write all that is left, also after an error or an interrupt."""
+        try:
+            yield
+        finally:
+            self._save(*self._unsaved)
+
+    def _save(self, *experiments: Experiment) -> None:
+        for experiment in experiments:
+            self._cache.write(self._places[experiment], self._runs[experiment].save)
+            del self._unsaved[experiment]
+
+
+def each(
+    backend: Backend,
+    function: Callable[..., T],
+    jobs: Mapping[K, tuple[Any, ...]],
+    executor: ExecutorFactory | None,
+    what: str,
+) -> Iterator[tuple[K, T]]:
+    """Yield key and ``function(backend, key, *arguments)`` of each job, as they end.
+
+    Raises:
+        BackendError: a worker died.
+    """
+    if not jobs:
+        return
+    call = partial(function, backend) if executor is None else partial(_of_copy, pack(backend), function)
+    with (executor or in_this_process)() as pool:
+        pending = {pool.submit(call, key, *arguments): key for key, arguments in jobs.items()}
+        try:
+            for future in as_completed(pending):
+                yield pending[future], future.result()
+        except BrokenExecutor:
+            raise BackendError(
+                f"a worker died while it {what}; run it again with --workers 1 to see the experiment that kills it"
+            ) from None
+        finally:
+            for future in pending:
+                future.cancel()
+
+
+_unpack = lru_cache(1)(unpack)
+
+
+def _of_copy(backend: bytes, function: Callable[..., T], *arguments: Any) -> T:
+    return function(_unpack(backend), *arguments)
+
+
+def pilot(backend: Backend, experiment: Experiment) -> Runs:
+    """Return the nominal runs that decide the observables.
+
+    Raises:
+        BackendError: one of them fails.
+    """
+    traces = []
+    for seed in NOMINAL_PILOT.seeds:
+        trace = experiment.run(backend, seed)
+        if trace.failure:
+            raise BackendError(
+                f"the simulator {backend.name!r} fails in {experiment}: {trace.failure}; a diagnosis needs a nominal "
+                "simulator that passes it"
+            )
+        traces.append(experiment.with_residuals(trace, backend))
+    observables = Observables.of_nominal(traces)
+    rows = np.array([observables.vector(trace) for trace in traces], dtype=np.float32)
+    return Runs(observables, {NOMINAL_PILOT: rows})
+
+
+def vectors(backend: Backend, what: tuple[Experiment, Job], observables: Observables) -> Rows:
+    """Return (runs, m) the observables of a job's runs; NaN where a run ended before."""
+    experiment, job = what
+    machine: Any = backend
+    if job.variant:
+        assert isinstance(backend, HasVariants)
+        machine = backend.variants()[job.variant]
+    if job.values:
+        assert isinstance(machine, HasEffects)
+        machine = machine.with_effects({effect: dict(values) for effect, values in job.values})
+    runs = (experiment.run(machine, seed) for seed in job.seeds)
+    rows = [observables.vector(experiment.with_residuals(run, backend)) for run in runs]
+    return np.array(rows, dtype=np.float32)
