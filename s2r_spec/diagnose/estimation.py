@@ -22,6 +22,7 @@ import numpy as np
 from s2r_spec.backend import Backend
 from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import UsageError, one_of
+from s2r_spec.diagnose.candidates import Predicted, predicted
 from s2r_spec.diagnose.inference.gauss_newton import CLOSE, Errors, Fit, fit
 from s2r_spec.diagnose.inference.hierarchical import LAW_SHARE, Likelihood
 from s2r_spec.diagnose.inference.model_search import ModelPosterior, Set, combine, nearest_mode, posterior
@@ -29,7 +30,7 @@ from s2r_spec.diagnose.inference.observation import Observation, Problem
 from s2r_spec.diagnose.inference.prior import SizePrior
 from s2r_spec.diagnose.inference.search import search
 from s2r_spec.diagnose.simulator.experiments import Experiment
-from s2r_spec.diagnose.simulator.library import simulated_means
+from s2r_spec.diagnose.simulator.library import simulated_rows
 from s2r_spec.diagnose.simulator.response import ResponseLibrary
 from s2r_spec.trace import Trace
 from s2r_spec.workers.pools import ExecutorFactory
@@ -43,6 +44,8 @@ SETTLED = 0.02
 """Tolerance: the simulator does not run again where the estimate moved less, in typical sizes."""
 RIVALS = 3
 """Budget: sets that are fitted beside the most probable one, each with a run of every experiment."""
+PROPOSED = 3
+"""Budget: most probable sets of the joint estimate that are proposed for predictions."""
 SIMULATED = 2
 """Budget: most probable sets at whose own estimates the simulator runs."""
 
@@ -55,6 +58,7 @@ class Estimate:
     fit: Fit
     posterior: ModelPosterior
     problem: Problem
+    predicted: Predicted | None = None
 
 
 def size_prior(library: ResponseLibrary) -> SizePrior:
@@ -87,10 +91,11 @@ def estimate(
         if experiment not in responses:
             have = one_of(sorted({one.protocol or "other tests" for one in responses}))
             raise UsageError(f"the response library has no {experiment}; it has {have}")
+    seen = {e: [e.with_residuals(run, backend) for run in runs] for e, runs in traces.items() if runs}
     observations = []
-    for experiment, runs in ((each, runs) for each, runs in traces.items() if runs):
+    for experiment, runs in seen.items():
         own = responses[experiment]
-        vectors = [own.observables.vector(experiment.with_residuals(run, backend)) for run in runs]
+        vectors = [own.observables.vector(run) for run in runs]
         observations.append(Observation.of(own, vectors, library.dependence))
     if not any(one.parts for one in observations):
         raise UsageError(
@@ -103,6 +108,11 @@ def estimate(
     first = posterior(joint.likelihood, joint.theta, prior)
     if refine is not None and (finer := refine(*moments(first))) is not None:
         return estimate(backend, finer, traces, corrections, executor)
+    if corrections and not any(experiment.protocol for experiment in seen):
+        likely = list(zip(first.sets[:PROPOSED], first.mean[:PROPOSED], strict=True))
+        found = predicted(backend, library, seen, prior, executor, likely)
+        if found is not None:
+            return Estimate(library, joint, found.posterior, problem, found)
     for _ in range(corrections):
         before, deviation = moments(first)
         problem = corrected(problem, before)
@@ -149,10 +159,10 @@ def _corrected(
     """Return the problem with runs at (K,) θ in place of sums of responses there, as far as the runs reach."""
     theta = np.clip(theta, problem.prior.low, problem.prior.high)
     responses = [one.response for one in problem.observations]
-    means = simulated_means(backend, responses, library.values(theta), executor)
+    rows = simulated_rows(backend, responses, library.values(theta), executor)
     observations = []
-    for one, mean in zip(problem.observations, means, strict=True):
-        correction = mean - one.response.reference
+    for one, own in zip(problem.observations, rows, strict=True):
+        correction = own.mean(axis=0) - one.response.reference
         correction[one.kept] -= one.moved(theta)
         observations.append(one.corrected(correction, theta))
     return replace(problem, observations=tuple(observations))

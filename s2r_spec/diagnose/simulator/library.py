@@ -309,15 +309,15 @@ def _scatter(moved: FloatArray, groups: Sequence[ObservableGroup]) -> FloatArray
     return np.asarray(variance)
 
 
-def simulated_means(
+def simulated_rows(
     backend: Backend, responses: Sequence[Response], values: Values, executor: ExecutorFactory | None = None
 ) -> list[FloatArray]:
-    """Return (m,) the mean of every experiment with these effects, with the observables and seeds of its response."""
+    """Return (runs, m) observables of every experiment with these effects, as those of its response and its seeds."""
     wanted = {
         (one.experiment, Job.of(values, replicates(one.experiment))): (one.observables,) for one in responses
     }
     rows = dict(each(backend, vectors, wanted, executor, f"ran backend {backend.name!r} with {values}"))
-    return [np.asarray(rows[key].astype(float).mean(axis=0)) for key in wanted]
+    return [rows[key].astype(float) for key in wanted]
 
 
 def acting_parameters(backend: Backend, experiments: Sequence[Experiment]) -> dict[str, frozenset[str]]:

@@ -1,0 +1,251 @@
+"""Which set of effects predicts a test best that it was not fitted to?
+
+Data: of T tests t of one kind of motion the observables y_tg (n_g,), in groups g of one quantity and one statistic.
+Unknown: the set A of parameters that are causes, and θ (K,). Model:
+
+    y_tg = F_tg(θ) + s_g u_tg ε_tg,   ε_tg: N_g independent N(0, 1),   s_g² ~ Inv-χ²(ν, 1)
+    θ_k ~ N(0, σ_slab²) for k in A,   θ_k ~ N(0, σ_bg²) and |θ_k| ≤ 1/8 else
+
+F is the simulator, linear around runs at the estimate. u_tg is the error that scatter and instruments make. s_g is one
+number of this machine: how far it is from the simulator's laws in this group, in all tests. A group that no set can
+follow has a large s_g, for every set. An effect below an eighth is no cause, so a set without k holds it there.
+
+Score of a set, with θ and s_g from all tests but t:
+
+    ℓ_t(A) = Σ_g log p(y_tg | y_−t, A),   a Student's t of N_g numbers, scale s_g u_tg, ν + Σ_{t' ≠ t} N_g degrees
+
+The probability of a set is its mean weight ∝ P(A) exp Σ_t w_t ℓ_t(A) over Bayesian bootstrap weights w of the tests.
+So a set is probable only if it predicts better in most tests: one test alone, or many that disagree, decide nothing.
+
+Within a set, θ has the covariance of the fit and three errors that more tests do not lower:
+
+    Σ_A + diag(jackknife_k + σ_c² + ρ0² θ_k²)
+
+The jackknife leaves out one group in all tests at a time: it grows where quantities disagree about a size, since the
+machine's law is another one. σ_c and ρ0 are the errors of a size in the laws of another author
+(:mod:`.hierarchical`), which leave no residual.
+
+Units: θ in typical sizes; s dimensionless; ℓ in nats. Shapes: T tests, G groups of all tests, K parameters.
+Source: Vehtari, Gelman & Gabry, *Statistics and Computing* 27 (2017) 1413 (leave-one-out); Yao, Vehtari, Simpson &
+Gelman, *Bayesian Analysis* 13 (2018) 917 (weights); Efron & Tibshirani, *An Introduction to the Bootstrap* (1993), ch. 11.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.base.arrays import FloatArray
+from s2r_spec.diagnose.inference.hierarchical import DEGREES, LAW_SHARE, SHARED, Groups
+from s2r_spec.diagnose.inference.model_search import KEPT, ModelPosterior, Set
+from s2r_spec.diagnose.inference.observation import Observation
+from s2r_spec.diagnose.inference.prior import UNNAMED, SizePrior
+
+DRAWS = 2_000
+"""Budget: bootstrap weights of the tests; they give a probability to 0.01."""
+ROUNDS = 4
+"""Budget: rounds of the fixed point of scales and sizes in a fit."""
+STEPS = 6
+"""Budget: most Gauss–Newton steps of a fit."""
+CLOSE = 0.005
+"""Tolerance: a fit ends where no size moves further, in typical sizes."""
+FIRST = 0.7
+"""Tolerance: part of the first step that is taken, since the scales still move."""
+
+
+@dataclass(frozen=True)
+class Tests:
+    """All groups of all tests, linear around (K,) θ.
+
+    Attributes:
+        theta: the point.
+        groups: of all tests.
+        test, kind: (G,) number of the test and of the quantity and statistic of every group.
+    """
+
+    theta: FloatArray
+    groups: Groups
+    test: NDArray[np.int64]
+    kind: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, observations: Sequence[Observation], theta: FloatArray) -> Tests:
+        """Return the groups of observations at (K,) θ; each observation is one test."""
+        zero = [np.zeros(one.observed.size) for one in observations]
+        groups = Groups.joined([one.groups(theta, own) for one, own in zip(observations, zero, strict=True)])
+        names = [name for one in observations for name, _ in one.parts]
+        numbers = {name: n for n, name in enumerate(dict.fromkeys(names))}
+        test = [t for t, one in enumerate(observations) for _ in one.parts]
+        return cls(theta, groups, np.array(test), np.array([numbers[name] for name in names]))
+
+    def energy(self, step: FloatArray) -> FloatArray:
+        """Return (G,) the mean square of every group after (D,) a step, in u²."""
+        g = self.groups
+        return np.maximum(
+            g.energy - 2.0 * g.moment @ step + np.einsum("i,gij,j->g", step, g.gram, step, optimize=True), 0.0
+        )
+
+    def scales(self, used: NDArray[np.bool_], step: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return (kinds,) s_g² at the mode and its degrees of freedom, from the groups that are used."""
+        size = np.where(used, self.groups.size, 0.0)
+        count = int(self.kind.max()) + 1
+        free = DEGREES + np.bincount(self.kind, size, count)
+        return (DEGREES + np.bincount(self.kind, size * self.energy(step), count)) / free, free
+
+    def step(self, used: NDArray[np.bool_], scales: FloatArray, prior: SetPrior) -> FloatArray:
+        """Return (D,) the step to the most probable sizes within their bounds, from the groups that are used."""
+        weight = np.where(used, self.groups.size / scales[self.kind], 0.0)
+        gram, moment = np.tensordot(weight, self.groups.gram, 1), weight @ self.groups.moment
+        more = moment.size - self.theta.size
+        precision = np.concatenate([prior.precision, np.ones(more)])
+        here = np.concatenate([self.theta, np.zeros(more)])
+        free_step = np.full(more, np.inf)
+        low = np.concatenate([prior.low - self.theta, -free_step])
+        high = np.concatenate([prior.high - self.theta, free_step])
+        return bounded(gram + np.diag(precision), moment - precision * here, low, high)
+
+    def fitted(
+        self, used: NDArray[np.bool_], prior: SetPrior, scales: FloatArray | None = None, rounds: int = ROUNDS
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return (D,) the step, and (kinds,) scales and their degrees of freedom, at their joint mode."""
+        scales = np.ones(int(self.kind.max()) + 1) if scales is None else scales
+        for _ in range(rounds):
+            step = self.step(used, scales, prior)
+            scales, free = self.scales(used, step)
+        return step, scales, free
+
+    def left_out(self, prior: SetPrior) -> FloatArray:
+        """Return (T,) ℓ_t."""
+        from scipy.special import gammaln
+
+        _, scales, _ = self.fitted(np.ones(self.test.size, dtype=bool), prior)
+        found = []
+        for t in range(int(self.test.max()) + 1):
+            own = self.test == t
+            step, s2, free = self.fitted(~own, prior, scales, 2)
+            s, f = s2[self.kind[own]], free[self.kind[own]]
+            n, energy = self.groups.size[own], self.energy(step)[own]
+            density = gammaln((f + n) / 2.0) - gammaln(f / 2.0) - 0.5 * n * np.log(np.pi * f * s)
+            density -= 0.5 * n * self.groups.volume[own] + 0.5 * (f + n) * np.log1p(n * energy / (f * s))
+            found.append(float(density.sum()))
+        return np.array(found)
+
+    def variance(self, prior: SetPrior) -> FloatArray:
+        """Return (K,) the variance of every size: of the fit, by the jackknife over groups, and by other laws."""
+        every = np.ones(self.test.size, dtype=bool)
+        step, scales, _ = self.fitted(every, prior)
+        effects = self.theta.size
+        weight = self.groups.size / scales[self.kind]
+        precision = np.tensordot(weight, self.groups.gram, 1)
+        precision[range(effects), range(effects)] += prior.precision
+        precision[range(effects, len(precision)), range(effects, len(precision))] += 1.0
+        fit = np.diag(np.linalg.inv(precision))[:effects]
+        without = [self.step(self.kind != kind, scales, prior)[:effects] for kind in range(scales.size)]
+        count = len(without)
+        jackknife = (count - 1) / count * ((without - np.mean(without, axis=0)) ** 2).sum(axis=0)
+        theta = self.theta + step[:effects]
+        return np.asarray(fit + jackknife + SHARED**2 + (LAW_SHARE * theta) ** 2)
+
+
+@dataclass(frozen=True)
+class SetPrior:
+    """Prior of the sizes given a set: (K,) precision, and bounds low and high."""
+
+    precision: FloatArray
+    low: FloatArray
+    high: FloatArray
+
+    @classmethod
+    def of(cls, prior: SizePrior, members: Set) -> SetPrior:
+        """Return that of a set: what is no cause lies below an eighth."""
+        small = (prior.probability > 0.0) & ~np.isin(np.arange(prior.low.size), members)
+        low = np.where(small, np.maximum(prior.low, -UNNAMED), prior.low)
+        high = np.where(small, np.minimum(prior.high, UNNAMED), prior.high)
+        return cls(1.0 / prior.deviation(members) ** 2, low, high)
+
+
+def bounded(precision: FloatArray, moment: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+    """Return (D,) the minimum of ½ xᵀPx − mᵀx within bounds, by fixing what leaves them (an active set)."""
+    x, fixed = np.zeros(moment.size), np.zeros(moment.size, dtype=bool)
+    for _ in range(moment.size):
+        free = ~fixed
+        rest = moment[free] - precision[np.ix_(free, fixed)] @ x[fixed]
+        x[free] = np.linalg.solve(precision[np.ix_(free, free)], rest)
+        outside = free & ((x < low - 1e-9) | (x > high + 1e-9))
+        if not outside.any():
+            break
+        x[outside] = np.clip(x, low, high)[outside]
+        fixed |= outside
+    return x
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A set, fitted around runs of the simulator at its estimate.
+
+    Attributes:
+        members: the causes.
+        theta, deviation: (K,) sizes and their standard deviations.
+        score: (T,) log predictive density of each test, from the others.
+        energy: (G,) mean square of each group, in units of scatter and background.
+    """
+
+    members: Set
+    theta: FloatArray
+    deviation: FloatArray
+    score: FloatArray
+    energy: FloatArray
+
+
+def fitted(
+    observations: Sequence[Observation],
+    background: Sequence[FloatArray],
+    start: FloatArray,
+    prior: SizePrior,
+    members: Set,
+) -> Candidate:
+    """Return the candidate of a set, from observations of tests that are corrected by runs near (K,) a start.
+
+    ``background`` has the (n_t,) variance of every test's observables by small amounts of all effects.
+    """
+    own = SetPrior.of(prior, members)
+    theta = np.clip(start, own.low, own.high)
+    for number in range(STEPS):
+        tests = Tests.of(observations, theta)
+        step, *_ = tests.fitted(np.ones(tests.test.size, dtype=bool), own)
+        new = np.clip(theta + step[: theta.size] * (FIRST if number == 0 else 1.0), own.low, own.high)
+        moved, theta = np.abs(new - theta).max(initial=0.0), new
+        if moved < CLOSE:
+            break
+    tests = Tests.of(observations, theta)
+    each = zip(observations, background, strict=True)
+    squares = [one.residual(theta) ** 2 / (one.noise + small) for one, small in each]
+    pairs = zip(observations, squares, strict=True)
+    energy = np.array([float(square[places].mean()) for one, square in pairs for _, places in one.parts])
+    return Candidate(members, theta, np.sqrt(tests.variance(own)), tests.left_out(own), energy)
+
+
+def weighted(candidates: Mapping[Set, Candidate], prior: SizePrior) -> ModelPosterior:
+    """Return the posterior over the candidates' sets by their predictions."""
+    sets = list(candidates)
+    each = np.array([candidates[members].score for members in sets])
+    odds = np.log(np.maximum(prior.probability, 1e-300)) - np.log1p(-prior.probability)
+    rng = np.random.default_rng(np.random.SeedSequence(0))
+    tests = each.shape[1]
+    weights = tests * rng.dirichlet(np.ones(tests), DRAWS)
+    logs = weights @ each.T + [odds[list(members)].sum() for members in sets]
+    chance = np.exp(logs - logs.max(axis=1, keepdims=True))
+    probability = (chance / chance.sum(axis=1, keepdims=True)).mean(axis=0)
+    order = [n for n in np.argsort(-probability, kind="stable") if probability[n] >= KEPT * probability.max()]
+    chosen = [candidates[sets[n]] for n in order]
+    return ModelPosterior(
+        tuple(one.members for one in chosen),
+        probability[order] / probability[order].sum(),
+        np.array([one.theta for one in chosen]),
+        np.array([one.deviation for one in chosen]),
+        prior,
+        float(each.sum(axis=1).max()),
+    )
