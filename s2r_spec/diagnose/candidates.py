@@ -21,11 +21,11 @@ from s2r_spec.diagnose.inference.hierarchical import DEGREES, LARGEST
 from s2r_spec.diagnose.inference.instruments import instrument_variance, white_noise
 from s2r_spec.diagnose.inference.model_search import ModelPosterior, Set
 from s2r_spec.diagnose.inference.observation import Observation
-from s2r_spec.diagnose.inference.prediction import Candidate, fitted, weighted
+from s2r_spec.diagnose.inference.prediction import Candidate, Prediction, fitted, weighted
 from s2r_spec.diagnose.inference.prior import BACKGROUND, SLAB, UNNAMED, SizePrior
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import simulated_rows
-from s2r_spec.diagnose.simulator.response import ResponseLibrary, replicates
+from s2r_spec.diagnose.simulator.response import ResponseLibrary
 from s2r_spec.diagnose.simulator.runs import SEED
 from s2r_spec.trace import Trace
 from s2r_spec.workers.pools import ExecutorFactory
@@ -44,19 +44,11 @@ Simulate = Callable[[FloatArray], "list[FloatArray]"]
 
 @dataclass(frozen=True)
 class Predicted:
-    """The posterior by predictions, and how much the most probable set leaves.
-
-    Attributes:
-        posterior: over the candidates' sets.
-        candidates: of all sets at which the simulator ran.
-        shown: part of the observables in which the nominal simulator is wrong by more than scatter and background.
-        left: part of the misfit of these observables that the most probable set leaves.
-    """
+    """The posterior over the sets at which the simulator ran, these sets, and what the most probable one leaves."""
 
     posterior: ModelPosterior
     candidates: Mapping[Set, Candidate]
-    shown: float
-    left: float
+    prediction: Prediction
 
 
 @dataclass(frozen=True)
@@ -88,7 +80,7 @@ class TestRuns:
             response = library.response(experiment)
             vectors = [response.observables.vector(trace) for trace in traces]
             one = Observation.of(response, vectors, library.dependence)
-            vectors = [each for each in vectors if np.isfinite(each[response.bins]).all()] or vectors
+            whole = [each for each in vectors if np.isfinite(each[response.bins]).all()] or vectors
             if one.parts:
                 nominal = experiment.with_residuals(experiment.run(backend, SEED), backend)
                 real, simulated = (white_noise(response.observables, each) for each in (traces, [nominal]))
@@ -96,12 +88,12 @@ class TestRuns:
                 extra = instrument_variance(
                     response.observables, response.nominal, beyond, max(map(len, traces))
                 )
-                every.append((one, np.array(vectors)[:, one.kept], extra[one.kept]))
+                every.append((one, np.array(whole)[:, one.kept], extra[one.kept]))
         if len(every) < FEWEST:
             return None
         ratios = _replicate_ratios(every)
         observations, machine, scatter = [], [], []
-        for one, vectors, extra in every:
+        for one, runs, extra in every:
             own = one.response.scatter[one.kept] ** 2
             variance = own + extra
             for name, places in one.parts:
@@ -109,7 +101,7 @@ class TestRuns:
             plain = replace(one, law=0.0, form=np.zeros_like(one.form), spread=np.zeros_like(one.spread))
             observations.append(plain)
             scatter.append(own)
-            machine.append(variance / len(vectors) + (one.variants**2).sum(axis=0) + 1e-12)
+            machine.append(variance / len(runs) + (one.variants**2).sum(axis=0) + 1e-12)
         return cls(
             tuple(observations),
             tuple(machine),
@@ -190,12 +182,12 @@ def predicted(
     search = _Search(data, prior, simulate)
     search.run(proposed)
     posterior = weighted(search.found, prior)
-    shown, left = _left(data, search.found[()], search.found[posterior.sets[0]])
-    return Predicted(posterior, search.found, shown, left)
+    left = _left(data, search.found[()], search.found[posterior.sets[0]])
+    return Predicted(posterior, search.found, left)
 
 
-def _left(data: TestRuns, none: Candidate, best: Candidate) -> tuple[float, float]:
-    """Return the part of the observables in which a misfit shows, and the part of it that a candidate leaves."""
+def _left(data: TestRuns, none: Candidate, best: Candidate) -> Prediction:
+    """Return how large the misfit is without effects, and which part of it a candidate leaves."""
     names = [name for one in data.observations for name, _ in one.parts]
     size = np.concatenate([one.effective for one in data.observations])
     each = {name: np.array([own == name for own in names]) for name in dict.fromkeys(names)}
@@ -204,7 +196,7 @@ def _left(data: TestRuns, none: Candidate, best: Candidate) -> tuple[float, floa
     excess, rest = (np.maximum(np.array(x) - 1.0, 0.0) for x in (before, after))
     weight = number * excess / np.maximum(before, 1.0)
     left = float((weight * rest / np.maximum(excess, 1e-9)).sum() / max(weight.sum(), 1e-9))
-    return float(weight.sum() / number.sum()), left if weight.sum() > 0.0 else 0.0
+    return Prediction(len(data.runs), float(weight.sum() / number.sum()), left)
 
 
 class _Search:
@@ -215,10 +207,9 @@ class _Search:
         self.background = [_background(one) for one in data.observations]
         self.found: dict[Set, Candidate] = {}
         self.near: dict[Set, list[Observation]] = {}
-        self.grids = [_grid(data, prior, k) for k in range(prior.low.size)]
+        self.grids = {k: _grid(data, prior, k) for k in prior.causes.tolist()}
         self.tables = {
-            k: [np.array([one.curves[k].at(float(x)) for x in self.grids[k]]) for one in data.observations]
-            for k in prior.causes.tolist()
+            k: [_table(one, k, sizes) for one in data.observations] for k, sizes in self.grids.items()
         }
 
     def run(self, proposed: Sequence[tuple[Set, FloatArray]]) -> None:
@@ -230,19 +221,18 @@ class _Search:
             self.try_set(members, theta)
         for size in range(1, LARGEST_SET):
             best = [members for members in self.ranked() if len(members) == size][:2]
-            before = self.score(self.ranked()[0])
             for members in best:
                 self.try_set(members, self.found[members].theta, again=True)
                 for k, theta in self.screened(members)[:BESIDE]:
                     self.try_set(tuple(sorted((*members, k))), theta)
-            if self.score(self.ranked()[0]) <= before and len(self.ranked()[0]) < size:
+            if len(self.ranked()[0]) <= size:
                 break
         # A set and the ones without each of its causes are compared at runs near the same sizes.
-        best = self.ranked()[0]
-        for k in best:
-            fewer = tuple(x for x in best if x != k)
+        final = self.ranked()[0]
+        for k in final:
+            fewer = tuple(x for x in final if x != k)
             self.try_set(
-                fewer, np.where(np.arange(self.prior.low.size) == k, 0.0, self.found[best].theta), again=True
+                fewer, np.where(np.arange(self.prior.low.size) == k, 0.0, self.found[final].theta), again=True
             )
 
     def score(self, members: Set) -> float:
@@ -264,17 +254,17 @@ class _Search:
     def screened(self, members: Set) -> list[tuple[int, FloatArray]]:
         """Return a further parameter and (K,) sizes with it, the nearest to the tests first."""
         base = self.found[members].theta
-        keep = np.isin(np.arange(base.size), members) | (self.prior.probability == 0.0)
+        above = self.data.observations[0].dependence.base
+        keep = np.isin(np.where(above >= 0, above, np.arange(base.size)), members)
         theta, near = np.where(keep, base, 0.0), self.near[members]
         residuals = [one.residual(theta) for one in near]
         starts = []
-        for k in self.prior.causes.tolist():
-            sizes = self.grids[k]
-            if k in members or not sizes.size:
+        for k, points in self.grids.items():
+            if k in members or not points.size:
                 continue
-            loss = 0.5 * sizes**2 / SLAB**2 + self._loss(near, residuals, k)
+            loss = 0.5 * points[:, k] ** 2 / SLAB**2 + self._loss(near, residuals, k)
             row = int(np.argmin(loss))
-            starts.append((float(loss[row]), k, np.where(np.arange(base.size) == k, sizes[row], theta)))
+            starts.append((float(loss[row]), k, np.where(points[row] == 0.0, theta, points[row])))
         return [(k, own) for _, k, own in sorted(starts, key=lambda start: start[:2])]
 
     def _loss(self, near: Sequence[Observation], residuals: Sequence[FloatArray], k: int) -> FloatArray:
@@ -286,14 +276,38 @@ class _Search:
             for (name, places), size in zip(one.parts, one.effective.tolist(), strict=True):
                 total[name] = total.get(name, 0.0) + size * squares[:, places].mean(axis=1)
                 number[name] = number.get(name, 0.0) + size
-        return np.asarray(
-            sum(0.5 * (DEGREES + number[name]) * np.log(DEGREES + total[name]) for name in total)
-        )
+        each = [0.5 * (DEGREES + number[name]) * np.log(DEGREES + total[name]) for name in total]
+        return np.asarray(np.sum(each, axis=0))
 
 
 def _grid(data: TestRuns, prior: SizePrior, k: int) -> FloatArray:
-    """Return the sizes of a parameter that a proposal tries: all that are no background."""
-    known = np.concatenate([one.curves[k].coordinates for one in data.observations])
-    ends = max(prior.low[k], known.min()), min(prior.high[k], known.max())
-    sizes = np.unique(np.concatenate([known, np.linspace(*ends, GRID)]))
-    return sizes[(np.abs(sizes) >= UNNAMED) & (sizes >= prior.low[k]) & (sizes <= prior.high[k])]
+    """Return (points, K) sizes of a parameter that a proposal tries: all that are no background.
+
+    With each, its dependent parameters are nominal, or one of them has a size of the library.
+    """
+
+    def known(parameter: int) -> FloatArray:
+        return np.unique(np.concatenate([one.curves[parameter].coordinates for one in data.observations]))
+
+    own = known(k)
+    ends = max(prior.low[k], own.min()), min(prior.high[k], own.max())
+    sizes = np.unique(np.concatenate([own, np.linspace(*ends, GRID)]))
+    sizes = sizes[(np.abs(sizes) >= UNNAMED) & (sizes >= prior.low[k]) & (sizes <= prior.high[k])]
+    dependents = np.flatnonzero(data.observations[0].dependence.base == k)
+    beside = [(k, 0.0), *((int(d), x) for d in dependents for x in known(int(d)).tolist() if x)]
+    points = np.zeros((len(beside), sizes.size, prior.low.size))
+    for rows, (d, x) in zip(points, beside, strict=True):
+        rows[:, d] = x
+        rows[:, k] = sizes
+    return points.reshape(-1, prior.low.size)
+
+
+def _table(one: Observation, k: int, points: FloatArray) -> FloatArray:
+    """Return (points, n) the response of a test to a parameter and its dependents at (points, K) sizes."""
+    sizes = {x: one.curves[k].at(x) for x in np.unique(points[:, k]).tolist()}
+    table = np.array([sizes[x] for x in points[:, k].tolist()]).reshape(len(points), one.observed.size)
+    for d in np.flatnonzero(one.dependence.base == k).tolist():
+        for row in np.flatnonzero(points[:, d]).tolist():
+            factor = points[row, k] / one.dependence.at[d]
+            table[row] += factor * one.curves[d].at(float(points[row, d]))
+    return table

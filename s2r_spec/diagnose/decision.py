@@ -6,12 +6,14 @@ that with the named effects, and that with the posterior mean of all. Rules, the
 
 | rule | condition | verdict |
 | --- | --- | --- |
+| LEFT | a misfit shows, and in left-out tests the most probable set leaves over a quarter of its part | none of these |
 | REMAINDER | the gap shows, some motion no effect explains, and named effects close less than 80 % | none of these |
 | MISFIT | the misfit is an alarm; a gap is not closed, or was not measured and something is named | none of these |
 | STAYS | surely not all is closed, and less than half with an effect named, else less than 80 % | none of these |
 | END | a named value is at the end of its range, and surely less than 80 % is closed | none of these |
 | MISTAKE | an effect is named, and a mistake of the recordings explains more | none of these |
 | ALIKE | an effect is named, and a mistake of the recordings explains as much | confounded |
+| RIVALS | an effect is named, and more likely than not another one is there | confounded |
 | OPEN | an effect is named, and an allowed experiment would settle a possible one | confounded |
 | EFFECT | an effect is named | named |
 | EITHER | the gap shows, and surely there is a cause, but it is not clear which | confounded |
@@ -38,7 +40,8 @@ from s2r_spec.diagnose.gap.held_out import CLOSED, GONE, HeldOutGap
 from s2r_spec.diagnose.gap.materiality import Materiality
 from s2r_spec.diagnose.inference.estimates import EffectEstimate, Status
 from s2r_spec.diagnose.inference.goodness_of_fit import GoodnessOfFit
-from s2r_spec.diagnose.inference.prior import SURE
+from s2r_spec.diagnose.inference.prediction import Prediction
+from s2r_spec.diagnose.inference.prior import LIKELY, SURE
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.residuals.left import Remainder
 
@@ -57,12 +60,14 @@ class Verdict(Toned):
 class Rule(Enum):
     """The rule behind a verdict; see the table of this module."""
 
+    LEFT = "left", Verdict.UNKNOWN
     REMAINDER = "remainder", Verdict.UNKNOWN
     MISFIT = "misfit", Verdict.UNKNOWN
     STAYS = "stays", Verdict.UNKNOWN
     END = "end", Verdict.UNKNOWN
     MISTAKE = "mistake", Verdict.UNKNOWN
     ALIKE = "alike", Verdict.CONFOUNDED
+    RIVALS = "rivals", Verdict.CONFOUNDED
     OPEN = "open", Verdict.CONFOUNDED
     EFFECT = "effect", Verdict.NAMED
     EITHER = "either", Verdict.CONFOUNDED
@@ -87,6 +92,8 @@ class Evidence:
     Attributes:
         effects: estimate of every effect.
         any_cause: probability that some effect is at least a quarter of typical.
+        another: probability that some effect that is not named is at least a quarter of typical.
+        prediction: what the most probable set leaves in tests that it was not fitted to.
         separations: what other experiments would say about each possible effect.
         left: motion that no effect explains.
         findings: suspected mistakes of the recordings.
@@ -94,6 +101,8 @@ class Evidence:
 
     effects: tuple[EffectEstimate, ...]
     any_cause: float
+    another: float = 0.0
+    prediction: Prediction | None = None
     separations: tuple[Separation, ...] = ()
     held_out: HeldOutGap | None = None
     materiality: Materiality | None = None
@@ -124,7 +133,7 @@ class Evidence:
     @property
     def answer(self) -> tuple[str, ...]:
         """The effects that the verdict names."""
-        return self.named if self.rule() in (Rule.ALIKE, Rule.OPEN, Rule.EFFECT) else ()
+        return self.named if self.rule() in (Rule.ALIKE, Rule.RIVALS, Rule.OPEN, Rule.EFFECT) else ()
 
     @property
     def shows(self) -> bool:
@@ -142,6 +151,8 @@ class Evidence:
         """Return the first rule that holds."""
         far, shows = self.held_out, self.shows
         named = bool(self.named) and not (far is not None and far.harmful)
+        if self.prediction is not None and self.prediction.rejected:
+            return Rule.LEFT
         alarm = self.goodness is not None and self.goodness.alarm
         if shows and any(one.material for one in self.left) and not (far and far.explained):
             return Rule.REMAINDER
@@ -155,6 +166,8 @@ class Evidence:
             return Rule.MISTAKE
         if named and self.rivals:
             return Rule.ALIKE
+        if named and self.another >= LIKELY:
+            return Rule.RIVALS
         if named:
             return Rule.OPEN if self.open else Rule.EFFECT
         if shows:

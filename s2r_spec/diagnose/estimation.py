@@ -22,11 +22,12 @@ import numpy as np
 from s2r_spec.backend import Backend
 from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import UsageError, one_of
-from s2r_spec.diagnose.candidates import Predicted, predicted
+from s2r_spec.diagnose.candidates import predicted
 from s2r_spec.diagnose.inference.gauss_newton import CLOSE, Errors, Fit, fit
 from s2r_spec.diagnose.inference.hierarchical import LAW_SHARE, Likelihood
 from s2r_spec.diagnose.inference.model_search import ModelPosterior, Set, combine, nearest_mode, posterior
 from s2r_spec.diagnose.inference.observation import Observation, Problem
+from s2r_spec.diagnose.inference.prediction import Prediction
 from s2r_spec.diagnose.inference.prior import SizePrior
 from s2r_spec.diagnose.inference.search import search
 from s2r_spec.diagnose.simulator.experiments import Experiment
@@ -52,13 +53,16 @@ SIMULATED = 2
 
 @dataclass(frozen=True)
 class Estimate:
-    """The fit of the mode nearest to the most probable set, its problem, and the posterior over all modes."""
+    """The fit of the mode nearest to the most probable set, its problem, and the posterior over all modes.
+
+    Where predictions of left-out tests give the posterior, the fit is the joint one, for forecasts alone.
+    """
 
     library: ResponseLibrary
     fit: Fit
     posterior: ModelPosterior
     problem: Problem
-    predicted: Predicted | None = None
+    prediction: Prediction | None = None
 
 
 def size_prior(library: ResponseLibrary) -> SizePrior:
@@ -112,7 +116,7 @@ def estimate(
         likely = list(zip(first.sets[:PROPOSED], first.mean[:PROPOSED], strict=True))
         found = predicted(backend, library, seen, prior, executor, likely)
         if found is not None:
-            return Estimate(library, joint, found.posterior, problem, found)
+            return Estimate(library, joint, found.posterior, problem, found.prediction)
     for _ in range(corrections):
         before, deviation = moments(first)
         problem = corrected(problem, before)

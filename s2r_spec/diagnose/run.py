@@ -18,8 +18,6 @@ from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
-import numpy as np
-
 from s2r_spec.backend import Backend, HasRecordings, load_backend
 from s2r_spec.backend.effects import catalogue_of
 from s2r_spec.backend.protocols import HasProtocols, protocol_of
@@ -349,15 +347,17 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
     evidence = Evidence(
         sizes,
         any_cause(fitted.posterior),
+        any_cause(fitted.posterior, [n for n, one in enumerate(sizes) if one.effect in patch]),
+        fitted.prediction,
         separations(fitted, [one.effect for one in with_status(sizes, Status.POSSIBLE)], candidates),
         held_out_gap(bench, parts.held_out, parts.train.tests, patch, tuned, nominal),
         compared_at_all_tests(bench, tests, nominal) if tests else None,
-        goodness=goodness_of_fit(fitted.problem, fitted.fit, columns=columns),
+        goodness=None if fitted.prediction else goodness_of_fit(fitted.problem, fitted.fit, columns=columns),
         left=remainders(work.counted("unexplained motion"), axes, used, tuned, seed, patch),
         findings=odd,
     )
     upcoming = next_test(fitted, candidates) if with_status(sizes, Status.POSSIBLE) else None
-    lacking = notes(bench, tests, parts, _idle(data.responses), why, odd, alone)
+    lacking = notes(bench, tests, parts, data.responses.idle, why, odd, alone)
     return Diagnosis(
         Which(evidence, by_effects(fitted.posterior, axes), upcoming),
         _locate(work, used, tuned) if want_where and used else None,
@@ -376,16 +376,6 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
         (*lacking, *data.rollouts.notes),
         passive=not data.rollouts.protocols,
     )
-
-
-def _idle(responses: ResponseLibrary) -> list[str]:
-    acting = {
-        axis.effect
-        for response in responses.responses
-        for axis, curve in zip(responses.parameters, response.curves, strict=True)
-        if np.any(np.nan_to_num(curve.values))
-    }
-    return [e for e in dict.fromkeys(axis.effect for axis in responses.parameters) if e not in acting]
 
 
 def _locate(work: _Work, rollouts: Sequence[TestRun], improved: Values) -> Where:

@@ -35,7 +35,7 @@ def next_step(diagnosis: Diagnosis, spec: Spec) -> str:
             return f"{use}. To see whether one cause stands out, {test}." if test else f"{use}."
         case Rule.EFFECT:
             return _add(diagnosis)
-        case Rule.OPEN | Rule.EITHER:
+        case Rule.OPEN | Rule.EITHER | Rule.RIVALS:
             if test:
                 return f"To settle what is open, {test}."
             rivals = join_names([one.effect for one in diagnosis.which.possible], "or")

@@ -15,12 +15,15 @@ def reason(diagnosis: Diagnosis) -> str:
     """Return the reason for the verdict of a diagnosis."""
     material, which = _materiality(diagnosis), diagnosis.which
     match diagnosis.rule:
-        case Rule.EFFECT | Rule.OPEN:
+        case Rule.EFFECT | Rule.OPEN | Rule.RIVALS:
             sentences = [material, f"{_effects(diagnosis, 'explain')} the data best."]
             sentences += _closes(diagnosis) if diagnosis.evidence.shows else []
             if diagnosis.rule is Rule.OPEN:
                 others = join_names(diagnosis.evidence.open, "or")
                 sentences.append(f"{others} may be there, too; one more experiment would settle it.")
+            if diagnosis.rule is Rule.RIVALS:
+                others = join_names([one.effect for one in which.possible], "or")
+                sentences.append(f"A further cause is likely, but the data do not tell which: {others}.")
             sentences += [*_remainder(diagnosis), *_misfit(diagnosis)]
         case Rule.EITHER:
             rivals = join_names([one.effect for one in which.possible], "or")
@@ -44,7 +47,7 @@ def reason(diagnosis: Diagnosis) -> str:
             sentences += [f"Unexplained: {each}." for each in diagnosis.left[:1] if each.material]
             if which.nearest:
                 sentences.append(f"The nearest is {join_names(which.nearest)} ({which.nearest_family}).")
-            sentences += [*_closes(diagnosis), *_misfit(diagnosis)]
+            sentences += [*_closes(diagnosis), *_prediction(diagnosis), *_misfit(diagnosis)]
     return " ".join(sentences)
 
 
@@ -105,6 +108,15 @@ def _misfit(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.verdict is Verdict.UNKNOWN:
         return [fits]
     return [fits, "Something differs that this requirement does not need."]
+
+
+def _prediction(diagnosis: Diagnosis) -> list[str]:
+    """Return how much the most probable set leaves, where it is rejected for that."""
+    prediction = diagnosis.evidence.prediction
+    if prediction is None or not prediction.rejected:
+        return []
+    part = f"{100.0 * min(prediction.left, 1.0):.0f} %"
+    return [f"The best set of effects leaves {part} of the difference in tests that it was not fitted to."]
 
 
 def _remainder(diagnosis: Diagnosis) -> list[str]:

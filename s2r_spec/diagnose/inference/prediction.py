@@ -27,7 +27,8 @@ machine's law is another one. σ_c and ρ0 are the errors of a size in the laws 
 
 Units: θ in typical sizes; s dimensionless; ℓ in nats. Shapes: T tests, G groups of all tests, K parameters.
 Source: Vehtari, Gelman & Gabry, *Statistics and Computing* 27 (2017) 1413 (leave-one-out); Yao, Vehtari, Simpson &
-Gelman, *Bayesian Analysis* 13 (2018) 917 (weights); Efron & Tibshirani, *An Introduction to the Bootstrap* (1993), ch. 11.
+Gelman, *Bayesian Analysis* 13 (2018) 917 (weights); Efron & Tibshirani, *An Introduction to the Bootstrap* (1993), ch.
+11.
 """
 
 from __future__ import annotations
@@ -39,6 +40,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.base.arrays import FloatArray
+from s2r_spec.base.json_types import Count
+from s2r_spec.base.json_values import Shown
 from s2r_spec.diagnose.inference.hierarchical import DEGREES, LAW_SHARE, SHARED, Groups
 from s2r_spec.diagnose.inference.model_search import KEPT, ModelPosterior, Set
 from s2r_spec.diagnose.inference.observation import Observation
@@ -54,6 +57,35 @@ CLOSE = 0.005
 """Tolerance: a fit ends where no size moves further, in typical sizes."""
 FIRST = 0.7
 """Tolerance: part of the first step that is taken, since the scales still move."""
+
+
+QUARTER = 0.25
+"""Level: misfit that is left, as a part of what a set explains, from which on the set is rejected."""
+SHOWS = 0.1
+"""Level: part of the observables from which on a misfit shows. Healthy machines of `benchmarks/blind/development.py`,
+which are therefore validation, have at most 0.06."""
+
+
+@dataclass(frozen=True)
+class Prediction(Shown):
+    """How far the most probable set predicts tests that it was not fitted to.
+
+    Attributes:
+        tests: number of tests.
+        shown: part of the observables in which the nominal simulator is wrong by more than scatter and background.
+        left: part of this misfit that the most probable set leaves.
+    """
+
+    tests: Count
+    shown: float
+    left: float
+
+    JSON = "tests shown left rejected"
+
+    @property
+    def rejected(self) -> bool:
+        """Whether a misfit shows, and the set leaves more than a quarter of what it explains."""
+        return self.shown >= SHOWS and self.left > QUARTER * (1.0 - self.left)
 
 
 @dataclass(frozen=True)
@@ -84,16 +116,15 @@ class Tests:
     def energy(self, step: FloatArray) -> FloatArray:
         """Return (G,) the mean square of every group after (D,) a step, in u²."""
         g = self.groups
-        return np.maximum(
-            g.energy - 2.0 * g.moment @ step + np.einsum("i,gij,j->g", step, g.gram, step, optimize=True), 0.0
-        )
+        change = np.einsum("i,gij,j->g", step, g.gram, step, optimize=True) - 2.0 * g.moment @ step
+        return np.asarray(np.maximum(g.energy + change, 0.0))
 
     def scales(self, used: NDArray[np.bool_], step: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return (kinds,) s_g² at the mode and its degrees of freedom, from the groups that are used."""
         size = np.where(used, self.groups.size, 0.0)
         count = int(self.kind.max()) + 1
-        free = DEGREES + np.bincount(self.kind, size, count)
-        return (DEGREES + np.bincount(self.kind, size * self.energy(step), count)) / free, free
+        free = np.asarray(DEGREES + np.bincount(self.kind, size, count))
+        return np.asarray((DEGREES + np.bincount(self.kind, size * self.energy(step), count)) / free), free
 
     def step(self, used: NDArray[np.bool_], scales: FloatArray, prior: SetPrior) -> FloatArray:
         """Return (D,) the step to the most probable sizes within their bounds, from the groups that are used."""

@@ -136,6 +136,17 @@ class ResponseLibrary:
         """Return the response of an experiment that the library has."""
         return {each.experiment: each for each in self.responses}[experiment]
 
+    @property
+    def idle(self) -> list[str]:
+        """The effects that change no experiment."""
+        acting = {
+            axis.effect
+            for response in self.responses
+            for axis, curve in zip(self.parameters, response.curves, strict=True)
+            if np.any(np.nan_to_num(curve.values))
+        }
+        return [e for e in dict.fromkeys(axis.effect for axis in self.parameters) if e not in acting]
+
     def values(self, theta: FloatArray) -> dict[str, dict[str, float]]:
         """Return effect → parameter → value at (K,) coordinates, without parameters at nominal."""
         return values_at(self.parameters, theta)
