@@ -13,7 +13,7 @@ that with the named effects, and that with the posterior mean of all. Rules, the
 | END | a named value is at the end of its range, and surely less than 80 % is closed | none of these |
 | MISTAKE | an effect is named, and a mistake of the recordings explains more | none of these |
 | ALIKE | an effect is named, and a mistake of the recordings explains as much | confounded |
-| RIVALS | an effect is named, and more likely than not another one is there | confounded |
+| RIVALS | an effect is named, and without further ones no set predicts left-out tests as well | confounded |
 | OPEN | an effect is named, and an allowed experiment would settle a possible one | confounded |
 | EFFECT | an effect is named | named |
 | EITHER | the gap shows, and surely there is a cause, but it is not clear which | confounded |
@@ -41,7 +41,7 @@ from s2r_spec.diagnose.gap.materiality import Materiality
 from s2r_spec.diagnose.inference.estimates import EffectEstimate, Status
 from s2r_spec.diagnose.inference.goodness_of_fit import GoodnessOfFit
 from s2r_spec.diagnose.inference.prediction import Prediction
-from s2r_spec.diagnose.inference.prior import LIKELY, SURE
+from s2r_spec.diagnose.inference.prior import SURE
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.residuals.left import Remainder
 
@@ -92,7 +92,7 @@ class Evidence:
     Attributes:
         effects: estimate of every effect.
         any_cause: probability that some effect is at least a quarter of typical.
-        another: probability that some effect that is not named is at least a quarter of typical.
+        further: effects that are not named, without which no set predicts left-out tests as well.
         prediction: what the most probable set leaves in tests that it was not fitted to.
         separations: what other experiments would say about each possible effect.
         left: motion that no effect explains.
@@ -101,7 +101,7 @@ class Evidence:
 
     effects: tuple[EffectEstimate, ...]
     any_cause: float
-    another: float = 0.0
+    further: tuple[str, ...] = ()
     prediction: Prediction | None = None
     separations: tuple[Separation, ...] = ()
     held_out: HeldOutGap | None = None
@@ -166,7 +166,7 @@ class Evidence:
             return Rule.MISTAKE
         if named and self.rivals:
             return Rule.ALIKE
-        if named and self.another >= LIKELY:
+        if named and self.further:
             return Rule.RIVALS
         if named:
             return Rule.OPEN if self.open else Rule.EFFECT

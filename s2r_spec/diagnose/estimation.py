@@ -13,7 +13,7 @@ Units: θ in typical sizes. Shapes: K parameters, G groups, n_p observables of e
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -22,12 +22,11 @@ import numpy as np
 from s2r_spec.backend import Backend
 from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import UsageError, one_of
-from s2r_spec.diagnose.candidates import predicted
+from s2r_spec.diagnose.candidates import Predicted, predicted
 from s2r_spec.diagnose.inference.gauss_newton import CLOSE, Errors, Fit, fit
 from s2r_spec.diagnose.inference.hierarchical import LAW_SHARE, Likelihood
 from s2r_spec.diagnose.inference.model_search import ModelPosterior, Set, combine, nearest_mode, posterior
 from s2r_spec.diagnose.inference.observation import Observation, Problem
-from s2r_spec.diagnose.inference.prediction import Prediction
 from s2r_spec.diagnose.inference.prior import SizePrior
 from s2r_spec.diagnose.inference.search import search
 from s2r_spec.diagnose.simulator.experiments import Experiment
@@ -62,7 +61,7 @@ class Estimate:
     fit: Fit
     posterior: ModelPosterior
     problem: Problem
-    prediction: Prediction | None = None
+    predicted: Predicted | None = None
 
 
 def size_prior(library: ResponseLibrary) -> SizePrior:
@@ -116,7 +115,7 @@ def estimate(
         likely = list(zip(first.sets[:PROPOSED], first.mean[:PROPOSED], strict=True))
         found = predicted(backend, library, seen, prior, executor, likely)
         if found is not None:
-            return Estimate(library, joint, found.posterior, problem, found.prediction)
+            return Estimate(library, joint, found.posterior, problem, found)
     for _ in range(corrections):
         before, deviation = moments(first)
         problem = corrected(problem, before)
@@ -143,6 +142,14 @@ def estimate(
         modes |= fit_modes(library, {members: (corrected(problem, theta), theta)}, errors)
         total = over_modes(modes)
     return replace(modes[nearest_mode(modes, total.sets[0])], posterior=total)
+
+
+def further_effects(found: Estimate, named: Collection[str]) -> tuple[str, ...]:
+    """Return the effects that are not named, without which no set predicts left-out tests as well."""
+    axes = found.library.parameters
+    known = [k for k, axis in enumerate(axes) if axis.effect in named]
+    members = found.predicted.further(known) if found.predicted else ()
+    return tuple(dict.fromkeys(axes[k].effect for k in members))
 
 
 def _is_settled(modes: Mapping[Set, Estimate], members: Set) -> bool:

@@ -33,7 +33,7 @@ from s2r_spec.diagnose.data.space_filling import representative, star
 from s2r_spec.diagnose.data.split import TrainHeldOut, split
 from s2r_spec.diagnose.decision import Evidence
 from s2r_spec.diagnose.diagnosis import Diagnosis, Which
-from s2r_spec.diagnose.estimation import Estimate, estimate
+from s2r_spec.diagnose.estimation import Estimate, estimate, further_effects
 from s2r_spec.diagnose.experiment_design.identifiability import Candidate, separations
 from s2r_spec.diagnose.experiment_design.next_test import next_test
 from s2r_spec.diagnose.falls import falls, falls_alone
@@ -347,12 +347,12 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
     evidence = Evidence(
         sizes,
         any_cause(fitted.posterior),
-        any_cause(fitted.posterior, [n for n, one in enumerate(sizes) if one.effect in patch]),
-        fitted.prediction,
+        further_effects(fitted, patch),
+        fitted.predicted and fitted.predicted.prediction,
         separations(fitted, [one.effect for one in with_status(sizes, Status.POSSIBLE)], candidates),
         held_out_gap(bench, parts.held_out, parts.train.tests, patch, tuned, nominal),
         compared_at_all_tests(bench, tests, nominal) if tests else None,
-        goodness=None if fitted.prediction else goodness_of_fit(fitted.problem, fitted.fit, columns=columns),
+        goodness=None if fitted.predicted else goodness_of_fit(fitted.problem, fitted.fit, columns=columns),
         left=remainders(work.counted("unexplained motion"), axes, used, tuned, seed, patch),
         findings=odd,
     )

@@ -22,8 +22,8 @@ def reason(diagnosis: Diagnosis) -> str:
                 others = join_names(diagnosis.evidence.open, "or")
                 sentences.append(f"{others} may be there, too; one more experiment would settle it.")
             if diagnosis.rule is Rule.RIVALS:
-                others = join_names([one.effect for one in which.possible], "or")
-                sentences.append(f"A further cause is likely, but the data do not tell which: {others}.")
+                others = join_names(diagnosis.evidence.further, "or")
+                sentences.append(f"A further cause is there, but the data do not tell which: {others}.")
             sentences += [*_remainder(diagnosis), *_misfit(diagnosis)]
         case Rule.EITHER:
             rivals = join_names([one.effect for one in which.possible], "or")

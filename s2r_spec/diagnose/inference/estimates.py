@@ -160,13 +160,9 @@ def is_named(posterior: ModelPosterior) -> NDArray[np.bool_]:
     return (posterior.beyond(UNNAMED) >= SURE) & (posterior.beyond(NAMED) >= LIKELY)
 
 
-def any_cause(posterior: ModelPosterior, without: Iterable[int] = ()) -> float:
-    """Return the probability that some effect is at least a quarter of typical, of all but some by their numbers."""
-    prior = posterior.prior
-    among = ~np.isin(prior.effect, list(without))
-    together = replace(
-        prior, effect=np.zeros_like(prior.effect), probability=np.where(among, prior.probability, 0.0)
-    )
+def any_cause(posterior: ModelPosterior) -> float:
+    """Return the probability that some effect is at least a quarter of typical."""
+    together = replace(posterior.prior, effect=np.zeros_like(posterior.prior.effect))
     return float(replace(posterior, prior=together).beyond()[0])
 
 
