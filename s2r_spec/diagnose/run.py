@@ -348,7 +348,7 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
         sizes,
         any_cause(fitted.posterior),
         further_effects(fitted, patch),
-        fitted.predicted and fitted.predicted.prediction,
+        fitted.predicted.prediction if fitted.predicted else None,
         separations(fitted, [one.effect for one in with_status(sizes, Status.POSSIBLE)], candidates),
         held_out_gap(bench, parts.held_out, parts.train.tests, patch, tuned, nominal),
         compared_at_all_tests(bench, tests, nominal) if tests else None,
