@@ -11,6 +11,7 @@ from s2r_spec.diagnose.gap.held_out import compare, gap
 from s2r_spec.diagnose.gap.materiality import Failures, Materiality, RolloutsAtTest, materiality
 from s2r_spec.diagnose.inference.estimates import EffectEstimate, ParameterEstimate
 from s2r_spec.diagnose.inference.goodness_of_fit import GoodnessOfFit, Misfit
+from s2r_spec.diagnose.inference.prediction import Prediction
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.residuals.left import Remainder
 from s2r_spec.diagnose.simulator.experiments import Experiment
@@ -36,6 +37,7 @@ def far(tuned, named=None, size=1.0, seen=None):
 
 WORST = Misfit(Experiment("chirp"), "q", "bin", "FR calf", 0.2, 0.4)
 ALARM, FITS = (GoodnessOfFit(p, 0.05, WORST) for p in (0.001, 0.4))
+EXPLAINED, UNEXPLAINED, SMALL = (Prediction(10, *each) for each in ((0.5, 0.1), (0.5, 0.21), (0.05, 0.9)))
 PUSH = Remainder("force", 0, "", "q", 0.1, 0.12, 25.0, "N", "m", 1.4)
 CLOCK = Finding("late", "x", "x comes late", "a wrong clock")
 SAME = replace(CLOCK, same=True)
@@ -89,6 +91,14 @@ def evidence(effects=(A,), any_cause=0.99, **more):
         (evidence(findings=(SAME, CLOCK)), Rule.MISTAKE),
         (evidence(findings=(SPIKE,)), Rule.EFFECT),
         (evidence((), 0.0, findings=(CLOCK,)), Rule.NONE),
+        # A set that leaves more than a quarter of what it explains is rejected by size, where a misfit shows at all.
+        (evidence(held_out=far(1.0, 0.95), prediction=EXPLAINED), Rule.EFFECT),
+        (evidence(held_out=far(1.0, 0.95), prediction=UNEXPLAINED), Rule.LEFT),
+        (evidence((), 0.0, materiality=NOWHERE, prediction=UNEXPLAINED), Rule.LEFT),
+        (evidence(held_out=far(1.0, 0.95), prediction=SMALL), Rule.EFFECT),
+        # A further cause that is needed, and is one of several, is no small matter.
+        (evidence(held_out=far(1.0, 0.95), further=("b", "c")), Rule.RIVALS),
+        (evidence((), 0.0, further=("b",)), Rule.NONE),
         # A named effect that would make a gap where there is none is no cause of one.
         (evidence(held_out=far(1.0, -39.0, size=0.05)), Rule.NONE),
         (evidence((), 0.0), Rule.NONE),
@@ -97,7 +107,7 @@ def evidence(effects=(A,), any_cause=0.99, **more):
 )
 def test_the_first_rule_that_holds_decides(found, rule):
     assert found.rule() is rule
-    assert found.answer == (("a",) if rule in (Rule.EFFECT, Rule.OPEN, Rule.ALIKE) else ())
+    assert found.answer == (("a",) if rule in (Rule.EFFECT, Rule.OPEN, Rule.RIVALS, Rule.ALIKE) else ())
 
 
 @pytest.mark.parametrize(
