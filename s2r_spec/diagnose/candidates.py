@@ -37,6 +37,10 @@ FEWEST = 5
 ALONE, BESIDE, LARGEST_SET = 6, 3, 4
 """Budget: single parameters, and further ones beside each of the two best sets, at which the simulator runs; causes of
 a set."""
+POLISHED = 3
+"""Budget: further runs at the estimate of the best set."""
+GAIN = 0.5
+"""Tolerance: least gain of such a run in the log predictive density of all tests [nat]."""
 GRID = 17
 """Budget: sizes at which a proposal compares the library with the tests, beside those of the library."""
 
@@ -245,6 +249,7 @@ class _Search:
                     self.try_set(tuple(sorted((*members, k))), theta)
             if len(self.ranked()[0]) <= size:
                 break
+        self.polish()
         # A set and the ones without each of its causes are compared at runs near the same sizes.
         final = self.ranked()[0]
         for k in final:
@@ -252,6 +257,27 @@ class _Search:
             self.try_set(
                 fewer, np.where(np.arange(self.prior.low.size) == k, 0.0, self.found[final].theta), again=True
             )
+        self.beside(self.ranked()[0])
+
+    def polish(self) -> None:
+        """Run the simulator at the estimate of the best set, as long as the tests are then predicted better."""
+        for _ in range(POLISHED):
+            best = self.ranked()[0]
+            before = self.score(best)
+            self.try_set(best, self.found[best].theta, again=True)
+            if self.score(best) - before < GAIN:
+                break
+
+    def beside(self, best: Set) -> None:
+        """Add one parameter more to the best set, for each that was not tried: around the same runs, by its slope.
+
+        A parameter that the tests do not show is then as probable as before, and as wide.
+        """
+        for k in self.prior.causes.tolist():
+            members = tuple(sorted({*best, k}))
+            if members not in self.found:
+                theta = self.found[best].theta
+                self.found[members] = fitted(self.near[best], self.background, theta, self.prior, members)
 
     def score(self, members: Set) -> float:
         return float(self.found[members].score.sum())

@@ -32,7 +32,8 @@ def find(cache):
             spec.space.upper - spec.space.lower
         )
         tests = [dict(zip(spec.space.names, point.tolist(), strict=True)) for point in drawn]
-        rollouts = [(test, machine.rollout(test, 700 + i)) for i, test in enumerate(tests)]
+        fixed = {"ox": 0.1} if text == LINE else {}
+        rollouts = [(test, machine.rollout(fixed | test, 700 + i)) for i, test in enumerate(tests)]
         return s2r.diagnose(spec, nominal, rollouts, cache=cache, where=False)
 
     return diagnosed

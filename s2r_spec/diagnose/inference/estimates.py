@@ -170,13 +170,12 @@ def mean_sizes(posterior: ModelPosterior) -> FloatArray:
     """Return (K,) the posterior mean of every size, each truncated to its range."""
     from scipy.special import ndtr
 
-    ends = [
-        (end - posterior.mean) / posterior.deviation for end in (posterior.prior.low, posterior.prior.high)
-    ]
+    low, high = posterior.ends
+    ends = [(end - posterior.mean) / posterior.deviation for end in (low, high)]
     density = [np.exp(-0.5 * np.minimum(end**2, 1e3)) / np.sqrt(2.0 * np.pi) for end in ends]
     mass = np.maximum(ndtr(ends[1]) - ndtr(ends[0]), 1e-12)
     mean = posterior.mean + posterior.deviation * (density[0] - density[1]) / mass
-    return np.asarray(posterior.probability @ np.clip(mean, posterior.prior.low, posterior.prior.high))
+    return np.asarray(posterior.probability @ np.clip(mean, low, high))
 
 
 def by_effects(

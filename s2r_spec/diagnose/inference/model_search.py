@@ -52,6 +52,7 @@ class ModelPosterior:
         mean, deviation: (S, K) of the normal posterior of every size given the set, before it is truncated.
         prior: of the sizes.
         log_evidence: of the most probable set, up to a constant of the data.
+        bounds: (2, S, K) low and high ends of every size given the set; without them those of the prior.
     """
 
     sets: tuple[Set, ...]
@@ -60,6 +61,14 @@ class ModelPosterior:
     deviation: FloatArray
     prior: SizePrior
     log_evidence: float
+    bounds: FloatArray | None = None
+
+    @property
+    def ends(self) -> FloatArray:
+        """(2, S, K) low and high ends of every size given the set."""
+        if self.bounds is not None:
+            return self.bounds
+        return np.stack([np.broadcast_to(end, self.mean.shape) for end in (self.prior.low, self.prior.high)])
 
     def beyond(self, size: float = NAMED) -> FloatArray:
         """Return (E,) the probability that each effect has a parameter of at least this size."""
@@ -86,11 +95,12 @@ class ModelPosterior:
         def below(x: float | FloatArray) -> FloatArray:
             return np.asarray(ndtr((x - self.mean) / self.deviation))
 
-        start, end = below(self.prior.low), below(self.prior.high)
+        low, high = self.ends
+        start, end = below(low), below(high)
         mass = np.maximum(end - start, 1e-12)
-        inside = (below(np.clip(at, self.prior.low, self.prior.high)) - start) / mass
+        inside = (below(np.clip(at, low, high)) - start) / mass
         at = np.broadcast_to(at, inside.shape)
-        return np.where(at < self.prior.low, 0.0, np.where(at >= self.prior.high, 1.0, inside))
+        return np.where(at < low, 0.0, np.where(at >= high, 1.0, inside))
 
 
 def posterior(likelihood: Likelihood, theta: FloatArray, prior: SizePrior) -> ModelPosterior:

@@ -19,11 +19,12 @@ So a set is probable only if it predicts better in most tests: one test alone, o
 
 Within a set, θ has the covariance of the fit and three errors that more tests do not lower:
 
-    Σ_A + diag(jackknife_k + σ_c² + ρ0² θ_k²)
+    Σ_A + diag(jackknife_k + σ_c² + ρ0² Σ_j θ_j² (J_kj/J_kk)²)
 
 The jackknife leaves out one group in all tests at a time: it grows where quantities disagree about a size, since the
-machine's law is another one. σ_c and ρ0 are the errors of a size in the laws of another author
-(:mod:`.hierarchical`), which leave no residual.
+machine's law is another one. σ_c and ρ0 are the errors of laws of another author (:mod:`.hierarchical`), which leave no
+residual. An effect j whose law is off by the part ρ0 looks like the amount ρ0 θ_j J_kj/J_kk of an effect k, with the
+information J of all tests.
 
 Units: θ in typical sizes; s dimensionless; ℓ in nats. Shapes: T tests, G groups of all tests, K parameters.
 Source: Vehtari, Gelman & Gabry, *Statistics and Computing* 27 (2017) 1413 (leave-one-out); Yao, Vehtari, Simpson &
@@ -42,7 +43,7 @@ from numpy.typing import NDArray
 from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.json_types import Count
 from s2r_spec.base.json_values import Shown
-from s2r_spec.diagnose.inference.hierarchical import DEGREES, LAW_SHARE, SHARED, Groups
+from s2r_spec.diagnose.inference.hierarchical import DEGREES, LAW_SHARE, SHARED, TINY, Groups
 from s2r_spec.diagnose.inference.model_search import KEPT, ModelPosterior, Set
 from s2r_spec.diagnose.inference.observation import Observation
 from s2r_spec.diagnose.inference.prior import UNNAMED, SizePrior
@@ -171,14 +172,15 @@ class Tests:
         effects = self.theta.size
         weight = self.groups.size / scales[self.kind]
         precision = np.tensordot(weight, self.groups.gram, 1)
+        alike = precision[:effects, :effects] / np.maximum(np.diag(precision)[:effects, None], TINY)
         precision[range(effects), range(effects)] += prior.precision
         precision[range(effects, len(precision)), range(effects, len(precision))] += 1.0
         fit = np.diag(np.linalg.inv(precision))[:effects]
         without = [self.step(self.kind != kind, scales, prior)[:effects] for kind in range(scales.size)]
         count = len(without)
         jackknife = (count - 1) / count * ((without - np.mean(without, axis=0)) ** 2).sum(axis=0)
-        theta = self.theta + step[:effects]
-        return np.asarray(fit + jackknife + SHARED**2 + (LAW_SHARE * theta) ** 2)
+        law = LAW_SHARE**2 * alike**2 @ (self.theta + step[:effects]) ** 2
+        return np.asarray(fit + jackknife + SHARED**2 + law)
 
 
 @dataclass(frozen=True)
@@ -279,4 +281,7 @@ def weighted(candidates: Mapping[Set, Candidate], prior: SizePrior) -> ModelPost
         np.array([one.deviation for one in chosen]),
         prior,
         float(each.sum(axis=1).max()),
+        np.stack(
+            [(own.low, own.high) for own in (SetPrior.of(prior, one.members) for one in chosen)], axis=1
+        ),
     )
