@@ -34,8 +34,9 @@ from enum import Enum
 
 from s2r_spec.base.verdict import Tone, Toned
 from s2r_spec.diagnose.experiment_design.identifiability import Separation
-from s2r_spec.diagnose.gap.held_out import CLOSED, GONE, HeldOutGap
+from s2r_spec.diagnose.gap.held_out import CLOSED, HeldOutGap
 from s2r_spec.diagnose.gap.materiality import Materiality
+from s2r_spec.diagnose.gap.shares import GONE
 from s2r_spec.diagnose.inference.estimates import EffectEstimate, Status
 from s2r_spec.diagnose.inference.goodness_of_fit import GoodnessOfFit
 from s2r_spec.diagnose.inference.prior import SURE
