@@ -1,8 +1,8 @@
 """The verdict: one word from sizes, the gap, the misfit, what is left of the motion and suspected mistakes.
 
 The gap *shows* if it is material at held-out or other tests (:mod:`.gap.held_out`), or matters at any test, early ends
-included (:mod:`.gap.materiality`). Held-out rollouts say how much of it is *closed* by the better of two simulators:
-that with the named effects, and that with the posterior mean of all. Rules, the first that holds:
+included (:mod:`.gap.materiality`). Two simulators close it where it shows: that with the named effects, and that with
+the posterior mean of all. The better one counts. *Surely* is said of held-out tests alone. The first rule that holds:
 
 | rule | condition | verdict |
 | --- | --- | --- |
@@ -49,7 +49,7 @@ class Verdict(Toned):
 
     NONE = "no material gap", Tone.GOOD
     SPREAD = "no single cause", Tone.OPEN
-    """A material gap that nothing named closes, and small amounts of all effects do."""
+    """A gap that shows, without a cause that stands out."""
     NAMED = "named", Tone.GOOD
     CONFOUNDED = "confounded", Tone.OPEN
     UNKNOWN = "none of these", Tone.OPEN

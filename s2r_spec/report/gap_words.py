@@ -158,9 +158,13 @@ def left_words(left: Sequence[Remainder]) -> tuple[str, ...]:
     if not left:
         return ()
     unexplained = [f"{each}, which no effect explains" for each in left if each.material]
-    return tuple(unexplained[:PARTS]) or (
-        f"what is left of the motion needs no unknown cause by itself; most is left here: {left[0]}",
-    )
+    return tuple(unexplained[:PARTS]) or (largest_rest_words(left[0]),)
+
+
+def largest_rest_words(largest: Remainder) -> str:
+    """Return the place of the largest remainder, with its part of what small effects may leave."""
+    part = _part_of(largest.surplus, 1.0)
+    return f"largest rest of the motion is {largest}, {part} of what small effects may leave"
 
 
 def shrink_rows(far: HeldOutGap) -> tuple[tuple[str, str], ...]:

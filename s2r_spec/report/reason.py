@@ -9,8 +9,7 @@ from s2r_spec.attribution.place import Place, ValueRange
 from s2r_spec.diagnose.decision import Rule, Verdict
 from s2r_spec.diagnose.diagnosis import Diagnosis
 from s2r_spec.diagnose.gap.shares import Share
-from s2r_spec.diagnose.residuals.left import Remainder
-from s2r_spec.report.gap_words import gap_limit_words, gap_mean_words, join_names
+from s2r_spec.report.gap_words import gap_limit_words, gap_mean_words, join_names, largest_rest_words
 
 LITTLE = "a few percent of every effect"
 """Definition: the words for the small effects that every machine has; alone they make no material gap."""
@@ -46,7 +45,10 @@ def reason(diagnosis: Diagnosis) -> str:
             sentences = [f"Of the catalogue, {best}, but {rival}: check the recordings first."]
         case _:
             sentences = [material, "No effect of the catalogue explains the data."]
-            sentences += [f"{_left_most(each)}." for each in diagnosis.left[:1]]
+            sentences += [
+                f"Unexplained: {each}." if each.material else f"The {largest_rest_words(each)}."
+                for each in diagnosis.left[:1]
+            ]
             if which.nearest:
                 sentences.append(f"The nearest is {join_names(which.nearest)} ({which.nearest_family}).")
             sentences += [*_closes(diagnosis), *_misfit(diagnosis)]
@@ -109,13 +111,6 @@ def _part(what: str, number: int, share: Share, of: str) -> str:
         return f"{what} make{s} {of} {larger}."
     part = "all of" if share.estimate > 1.0 else f"{100 * share.estimate:.0f} % of"
     return f"{what} close{s} {part} {of}."
-
-
-def _left_most(remainder: Remainder) -> str:
-    """Return the place of the largest remainder, material or not."""
-    if remainder.material:
-        return f"Unexplained: {remainder}"
-    return f"Of the motion, most is left here: {remainder}. By itself this needs no unknown cause"
 
 
 def _misfit(diagnosis: Diagnosis) -> list[str]:
