@@ -191,15 +191,10 @@ def gap_title(far: HeldOutGap) -> str:
     return f"gap on {far.rollouts} held-out rollouts, mean |ρ_real − ρ_sim|{f' in {unit}' if unit else ''}"
 
 
-def gap_mean_words(far: HeldOutGap) -> str:
-    """Return the mean gap over the held-out tests, with its size."""
-    half = (far.before.high - far.before.low) / 2
-    return f"On average over the held-out tests, the gap of {quantity(far.before.mean, far.unit, half)}"
-
-
-def gap_limit_words(far: HeldOutGap) -> str:
-    """Return the largest mean gap that is not material."""
-    return quantity(far.at_most, far.unit, 0.3 * far.at_most)
+def gap_and_limit_words(far: HeldOutGap) -> tuple[str, str]:
+    """Return the mean gap over the held-out tests, and the largest that is not material, so that they differ."""
+    between = abs(far.before.mean - far.at_most)
+    return quantity(far.before.mean, far.unit, between), quantity(far.at_most, far.unit, between)
 
 
 def _scale(far: HeldOutGap) -> Scale:

@@ -9,7 +9,7 @@ from s2r_spec.attribution.place import Place, ValueRange
 from s2r_spec.diagnose.decision import Rule, Verdict
 from s2r_spec.diagnose.diagnosis import Diagnosis
 from s2r_spec.diagnose.gap.shares import Share
-from s2r_spec.report.gap_words import gap_limit_words, gap_mean_words, join_names, largest_rest_words
+from s2r_spec.report.gap_words import gap_and_limit_words, join_names, largest_rest_words
 
 LITTLE = "a few percent of every effect"
 """Definition: the words for the small effects that every machine has; alone they make no material gap."""
@@ -59,7 +59,9 @@ def _materiality(diagnosis: Diagnosis) -> str:
     """Return whether the gap is material, and where, if not on average over the held-out tests."""
     far, matters = diagnosis.how_far, diagnosis.materiality
     if far is not None and far.material:
-        return f"{gap_mean_words(far)} is material: scatter and {LITTLE} make at most {gap_limit_words(far)}."
+        mean, most = gap_and_limit_words(far)
+        own = f"On average over the held-out tests, the gap of {mean} is material"
+        return f"{own}: scatter and {LITTLE} make at most {most}."
     if not diagnosis.evidence.shows:
         if far is None:
             return "The gap matters at no test." if matters is not None else "The gap was not measured."
@@ -95,22 +97,26 @@ def _closes(diagnosis: Diagnosis) -> list[str]:
     else:
         where = f"the gap above scatter at the {'other tests' if far.elsewhere else 'tests where it matters'}"
     if named and patched is not None:
-        more = [f"The rest is more than {LITTLE} would leave."] if far.leaves_more else []
-        what = _part("it" if len(named) == 1 else "they", len(named), patched, where)
+        more = (
+            [f"The rest is more than {LITTLE} would leave."]
+            if far.leaves_more and patched.estimate > 0.0
+            else []
+        )
+        what = _part("it" if len(named) == 1 else "they", len(named) == 1, patched, where)
         return [f"Added to the simulator, {what}", *more, *ends]
     if not named and tuned is not None:
-        return [_part("Small amounts of all effects", 2, tuned, where)]
+        return [_part("Small amounts of all effects", False, tuned, where)]
     return ends
 
 
-def _part(what: str, number: int, share: Share, of: str) -> str:
-    """Return how much of a gap so many effects close, in a sentence."""
-    s = "s" if number == 1 else ""
+def _part(what: str, one: bool, share: Share, of: str) -> str:
+    """Return how much of a gap the effects close, of which there is one or several, in a sentence."""
+    if share.high < 0.0:
+        return f"{what} surely make{'s' if one else ''} {of} larger."
     if share.estimate <= 0.0:
-        larger = "surely larger" if share.high < 0.0 else "no smaller"
-        return f"{what} make{s} {of} {larger}."
+        return f"{what} {'does' if one else 'do'} not make {of} smaller."
     part = "all of" if share.estimate > 1.0 else f"{100 * share.estimate:.0f} % of"
-    return f"{what} close{s} {part} {of}."
+    return f"{what} close{'s' if one else ''} {part} {of}."
 
 
 def _misfit(diagnosis: Diagnosis) -> list[str]:

@@ -24,6 +24,7 @@ from s2r_spec.report import diagnosis_page
 from s2r_spec.report.advice import next_step
 from s2r_spec.report.diagnosis import describe, markdown
 from s2r_spec.report.figures.robot import is_quadruped, robot
+from s2r_spec.report.gap_words import gap_and_limit_words
 from s2r_spec.report.records.schema import schema
 from tests.diagnose.test_decision import ALARM, CLOCK, FELL, MATTERS, SAME
 from tests.errors import states
@@ -435,7 +436,22 @@ def test_a_material_gap_is_an_average_and_a_gap_matters_at_tests():
     quiet = materiality([RolloutsAtTest({"vd": 0.5}, np.array([1.0]), np.linspace(0.9, 1.1, 6))], "m")
     found, spec = diagnosis(materiality=quiet)
     assert found.how_far.material
-    assert states(found.reason, "average", "held-out", "0.300 m")
+    assert states(found.reason, "average", "held-out", "0.30 m")
     assert "matter" not in found.reason
     (_, tests) = describe(found, spec).matters
     assert states(tests, "none", "1")
+    close = replace(far_of(0), background=0.29)
+    mean, most = gap_and_limit_words(close)
+    assert close.material
+    assert mean != most
+
+
+def test_a_patch_that_makes_the_gap_larger_does_not_close_none_of_it():
+    for share, words in (
+        (Share(-1.5, -3.0, -0.6), "surely makes"),
+        (Share(-0.5, -1.5, 0.2), "does not make"),
+    ):
+        far = replace(far_of(0, 0.2), share=share)
+        reason = diagnosis(**SURE | {"held_out": far, "goodness": ALARM})[0].reason
+        assert words in reason
+        assert "close" not in reason
