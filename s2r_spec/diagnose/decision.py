@@ -2,7 +2,7 @@
 
 The gap *shows* if it is material at held-out or other tests (:mod:`.gap.held_out`), or matters at any test, early ends
 included (:mod:`.gap.materiality`). Two simulators close it where it shows: that with the named effects, and that with
-the posterior mean of all. The better one counts. *Surely* is said of held-out tests alone. The first rule that holds:
+the posterior mean of all. The better one counts. The first rule that holds decides:
 
 | rule | condition | verdict |
 | --- | --- | --- |

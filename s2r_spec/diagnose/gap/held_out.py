@@ -13,7 +13,7 @@ replicates of the machine if these have at least FEWEST degrees of freedom, else
 
 What closes is the gap *where it shows*: at all held-out tests if it is material there, else at all other tests if it is
 material there, else at the single tests at which it matters (:mod:`.materiality`). It is *closed* if its share over the
-rollouts of these tests is at least GONE, and surely above 0.
+rollouts of these tests is at least GONE, and surely above 0. It surely *stays* only where it shows at FEWEST tests.
 
 Units: those of ρ. Source: Efron & Tibshirani, *An Introduction to the Bootstrap* (1993), ch. 13.
 """
@@ -136,11 +136,6 @@ class HeldOutGap(Shown):
         return not self.material and self.seen is not None and self.seen.mean > self.at_most
 
     @property
-    def best(self) -> Share | None:
-        """The larger share of both improved simulators; None where the gap has no share."""
-        return max(filter(None, (self.share, self.tuned_share)), default=None)
-
-    @property
     def shares(self) -> tuple[Share | None, Share | None]:
         """The part that the named effects close where the gap shows, and that of all effects tuned."""
         if self.material:
@@ -158,21 +153,29 @@ class HeldOutGap(Shown):
         """Whether the named effects alone close the gap where it shows."""
         return self.shares[0] is not None and self.shares[0].gone
 
+    @property
+    def _sure(self) -> bool:
+        """Whether the gap shows at enough tests to say that something of it surely stays."""
+        there = self.closed_there
+        return self.material or (there is not None and there.tests >= FEWEST)
+
     def stays(self, least: float) -> bool:
-        """Whether less than this part of a material gap is closed, and surely not all of it.
+        """Whether less than this part of the gap is closed where it shows, and surely not all of it.
 
         An interval in which a patch helps, and as well doubles the gap, says nothing.
         """
-        if not self.material or self.best is None:
+        shares = [one for one in self.shares if one is not None]
+        if not self._sure or not shares:
             return False
-        part, low, high = self.best.estimate, self.best.low, self.best.high
-        surely = all(one.high < 1.0 for one in (self.share, self.tuned_share) if one is not None)
-        return part < least and surely and not low < -1.0 < 0.0 < high
+        best = max(shares)
+        surely = all(one.high < 1.0 for one in shares)
+        return best.estimate < least and surely and not best.low < -1.0 < 0.0 < best.high
 
     @property
     def short(self) -> bool:
-        """Whether the named effects surely leave a part of a material gap."""
-        return self.material and self.share is not None and self.share.high < GONE
+        """Whether the named effects surely leave a part of the gap where it shows."""
+        share = self.shares[0]
+        return self._sure and share is not None and share.high < GONE
 
     @property
     def harmful(self) -> bool:

@@ -70,6 +70,12 @@ def test_what_closes_is_the_gap_where_it_shows(patched, tuned, true):
     assert {name for name in ("closed", "explained") if getattr(found, name)} == true
     # A material gap of the held-out tests is what has to close, whatever single tests say.
     assert not replace(far(0.3), closed_there=ClosedThere(2, *shares)).closed
+    five = replace(found, closed_there=ClosedThere(5, *shares))
+    assert (five.stays(0.5), five.short) == (False, patched is not None and patched + 0.2 < 0.8)
+    # Few tests make nothing sure.
+    low = (Share(0.3, 0.2, 0.4),) * 2
+    stay = [replace(found, closed_there=ClosedThere(tests, *low)).stays(0.5) for tests in (2, 5)]
+    assert stay == [False, True]
     unsure = replace(found, closed_there=ClosedThere(2, *(Share(0.9, -0.1, 1.1),) * 2))
     assert not unsure.closed
 
