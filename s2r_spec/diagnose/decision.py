@@ -1,8 +1,8 @@
 """The verdict: one word from sizes, the gap, the misfit, what is left of the motion and suspected mistakes.
 
 The gap *shows* if it is material at held-out or other tests (:mod:`.gap.held_out`), or matters at any test, early ends
-included (:mod:`.gap.materiality`). Held-out rollouts say how much of it is *closed* by the better of two simulators:
-that with the named effects, and that with the posterior mean of all. Rules, the first that holds:
+included (:mod:`.gap.materiality`). Two simulators close it where it shows: that with the named effects, and that with
+the posterior mean of all. The better one counts. The first rule that holds decides:
 
 | rule | condition | verdict |
 | --- | --- | --- |
@@ -36,8 +36,9 @@ from enum import Enum
 
 from s2r_spec.base.verdict import Tone, Toned
 from s2r_spec.diagnose.experiment_design.identifiability import Separation
-from s2r_spec.diagnose.gap.held_out import CLOSED, GONE, HeldOutGap
+from s2r_spec.diagnose.gap.held_out import CLOSED, HeldOutGap
 from s2r_spec.diagnose.gap.materiality import Materiality
+from s2r_spec.diagnose.gap.shares import GONE
 from s2r_spec.diagnose.inference.estimates import EffectEstimate, Status
 from s2r_spec.diagnose.inference.goodness_of_fit import GoodnessOfFit
 from s2r_spec.diagnose.inference.prediction import Prediction
@@ -51,7 +52,7 @@ class Verdict(Toned):
 
     NONE = "no material gap", Tone.GOOD
     SPREAD = "no single cause", Tone.OPEN
-    """A material gap that nothing named closes, and small amounts of all effects do."""
+    """A gap that shows, without a cause that stands out."""
     NAMED = "named", Tone.GOOD
     CONFOUNDED = "confounded", Tone.OPEN
     UNKNOWN = "none of these", Tone.OPEN

@@ -24,6 +24,7 @@ from s2r_spec.diagnose.inference.estimates import (
     hidden_names,
     with_status,
 )
+from s2r_spec.diagnose.inference.prior import LIKELY
 from s2r_spec.diagnose.residuals.left import Remainder
 from s2r_spec.diagnose.simulator.axes import Values
 from s2r_spec.spec import Spec
@@ -141,12 +142,12 @@ class Which(Shown):
 
     @property
     def nearest(self) -> tuple[str, ...]:
-        """The effects with a name; without any, those of the most probable set with an effect."""
-        return self.evidence.named or next((names for names, _ in self.sets if names), ())
+        """The effects with a name; without any, those of a set that is more likely than all others together."""
+        return self.evidence.named or next((names for names, p in self.sets if names and p >= LIKELY), ())
 
     @property
     def nearest_family(self) -> str:
-        """The family of the most probable effects."""
+        """The family of the nearest effects; "" without any."""
         return " and ".join(dict.fromkeys(one.family for one in self.effects if one.effect in self.nearest))
 
 

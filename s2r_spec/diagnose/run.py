@@ -344,14 +344,15 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
     candidates = data.candidates(bench, parts.train)
     columns = {channel.name: channel.columns for channel in bench.backend.channels}
     tell("gap before and after", 0, 0)
+    at_tests = compared_at_all_tests(bench, tests, nominal) if tests else None
     evidence = Evidence(
         sizes,
         any_cause(fitted.posterior),
         further_effects(fitted, patch),
         fitted.predicted.prediction if fitted.predicted else None,
         separations(fitted, [one.effect for one in with_status(sizes, Status.POSSIBLE)], candidates),
-        held_out_gap(bench, parts.held_out, parts.train.tests, patch, tuned, nominal),
-        compared_at_all_tests(bench, tests, nominal) if tests else None,
+        held_out_gap(bench, parts.held_out, parts.train.tests, patch, tuned, nominal, at_tests),
+        at_tests,
         goodness=None if fitted.predicted else goodness_of_fit(fitted.problem, fitted.fit, columns=columns),
         left=remainders(work.counted("unexplained motion"), axes, used, tuned, seed, patch),
         findings=odd,

@@ -28,11 +28,11 @@ def next_step(diagnosis: Diagnosis, spec: Spec) -> str:
         case Rule.NONE:
             return _leave(diagnosis)
         case Rule.SPREAD:
-            use = (
-                "Use the simulator with small amounts of all effects (s2r diagnose … --apply FILE --tuned, then "
-                "--sim patched:FILE). Bound the remaining gap with s2r gap on fresh rollouts"
+            return (
+                f"{_spread(diagnosis)} To see whether one cause stands out, {test}."
+                if test
+                else _spread(diagnosis)
             )
-            return f"{use}. To see whether one cause stands out, {test}." if test else f"{use}."
         case Rule.EFFECT:
             return _add(diagnosis)
         case Rule.OPEN | Rule.EITHER | Rule.RIVALS:
@@ -48,6 +48,21 @@ def next_step(diagnosis: Diagnosis, spec: Spec) -> str:
                 f"Look for a cause outside the catalogue{place_words(diagnosis.left, diagnosis.where)}. Write it as an "
                 f"effect ({page('how-to/effects')}).{_wider(diagnosis)}"
             )
+
+
+def _spread(diagnosis: Diagnosis) -> str:
+    """Return that small amounts of all effects are to be added, if they surely close some of the gap."""
+    far = diagnosis.how_far
+    share = None if far is None else far.shares[1]
+    if share is None or share.low <= 0.0:
+        return (
+            "Leave the simulator as it is: nothing shows that small amounts of all effects close the gap. Bound it "
+            "with s2r gap on fresh rollouts."
+        )
+    return (
+        "Use the simulator with small amounts of all effects (s2r diagnose … --apply FILE --tuned, then --sim "
+        "patched:FILE). Bound the remaining gap with s2r gap on fresh rollouts."
+    )
 
 
 def _leave(diagnosis: Diagnosis) -> str:

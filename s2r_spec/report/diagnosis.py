@@ -12,7 +12,13 @@ from s2r_spec.backend import short
 from s2r_spec.base.printable import one_line
 from s2r_spec.base.quantity import format_estimate, interval, quantity
 from s2r_spec.diagnose.diagnosis import Diagnosis
-from s2r_spec.diagnose.inference.estimates import EffectEstimate, ParameterEstimate, Status, with_status
+from s2r_spec.diagnose.inference.estimates import (
+    EffectEstimate,
+    ParameterEstimate,
+    Status,
+    hidden_names,
+    with_status,
+)
 from s2r_spec.report.advice import next_step, settled_words
 from s2r_spec.report.gap_words import (
     body_words,
@@ -117,7 +123,9 @@ def describe(diagnosis: Diagnosis, spec: Spec) -> Description:
 
 def _passive_words(diagnosis: Diagnosis) -> str:
     """Return what tests of the specification alone cannot tell; "" where protocols were run, or nothing is hidden."""
-    hidden = diagnosis.which.hidden
+    # A named effect is measured, and one that is ruled out has no parameters to measure.
+    unknown = [one for one in diagnosis.which.effects if one.status in (Status.POSSIBLE, Status.HIDDEN)]
+    hidden = hidden_names(unknown)
     if not diagnosis.passive or not hidden:
         return ""
     return (
@@ -167,7 +175,8 @@ def body(diagnosis: Diagnosis, spec: Spec) -> str:
     lines = [f"  {words.passive}"] if words.passive else []
     lines += [f"  {line}" for line in words.matters] + [f"  note: {line}" for line in words.notes]
     if words.named:
-        lines += ["", f"  {'named':36} {'value (90 %)':28} parts of typical"]
+        title = "named" if diagnosis.which.answer else "fits best"
+        lines += ["", f"  {title:36} {'value (90 %)':28} parts of typical"]
         lines += [f"  {row.name:36} {row.whole:28} {row.size}" for row in words.named]
     if words.possible:
         lines += ["", f"  {'possible':36} value (90 %)"]

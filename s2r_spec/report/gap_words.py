@@ -8,8 +8,9 @@ from collections.abc import Mapping, Sequence
 from s2r_spec.attribution.place import Place, ValueRange, cause_first
 from s2r_spec.base.quantity import Scale, format_estimate, quantity
 from s2r_spec.diagnose.gap import LEVEL
-from s2r_spec.diagnose.gap.held_out import Gap, HeldOutGap
+from s2r_spec.diagnose.gap.held_out import HeldOutGap
 from s2r_spec.diagnose.gap.materiality import GapAtTest, Materiality
+from s2r_spec.diagnose.gap.shares import Gap
 from s2r_spec.diagnose.gap.where import Where
 from s2r_spec.diagnose.residuals.left import Remainder
 from s2r_spec.report.check import test_words
@@ -76,7 +77,8 @@ def _tests(materiality: Materiality, units: Mapping[str, str]) -> str:
     places = materiality.places
     if not places:
         false = f"at most {100 * LEVEL:.0f} % false alarms"
-        return f"it matters at none of {len(materiality.tests)} tests, each compared by itself ({false})"
+        none = f"one by one, the gap matters at none of {len(materiality.tests)} tests ({false})"
+        return f"{none}; an average over tests shows smaller gaps"
     changed = sum(at.changes_sign for at in places)
     words = f"it matters at {len(places)} of {len(materiality.tests)} tests"
     names = [name for name in (test_words(at.params, units) for at in places[:PLACES]) if name]
@@ -156,7 +158,13 @@ def left_words(left: Sequence[Remainder]) -> tuple[str, ...]:
     if not left:
         return ()
     unexplained = [f"{each}, which no effect explains" for each in left if each.material]
-    return tuple(unexplained[:PARTS]) or ("the best-fitting simulator explains all of the motion",)
+    return tuple(unexplained[:PARTS]) or (largest_rest_words(left[0]),)
+
+
+def largest_rest_words(largest: Remainder) -> str:
+    """Return the place of the largest remainder, with its part of what small effects may leave."""
+    part = _part_of(largest.surplus, 1.0)
+    return f"largest rest of the motion is {largest}, {part} of what small effects may leave"
 
 
 def shrink_rows(far: HeldOutGap) -> tuple[tuple[str, str], ...]:
@@ -183,6 +191,12 @@ def gap_title(far: HeldOutGap) -> str:
     return f"gap on {far.rollouts} held-out rollouts, mean |ρ_real − ρ_sim|{f' in {unit}' if unit else ''}"
 
 
+def gap_and_limit_words(far: HeldOutGap) -> tuple[str, str]:
+    """Return the mean gap over the held-out tests, and the largest that is not material, so that they differ."""
+    between = abs(far.before.mean - far.at_most)
+    return quantity(far.before.mean, far.unit, between), quantity(far.at_most, far.unit, between)
+
+
 def _scale(far: HeldOutGap) -> Scale:
     return Scale.of(max(far.before.mean, far.before.worst), far.unit)
 
@@ -194,8 +208,8 @@ def _gap(gap: Gap, scale: Scale) -> str:
 
 
 def place_words(left: Sequence[Remainder], where: Where | None) -> str:
-    """Return the place to look at: the unexplained motion, the part where a shift begins, or a time."""
-    if left and left[0].material:
+    """Return the place to look at: where most of the motion is left, the part where a shift begins, or a time."""
+    if left:
         return f" that explains {left[0]}"
     if where is None:
         return ""

@@ -1,11 +1,15 @@
-"""The reason for a verdict in a few sentences: whether the gap is material, the cause, how much it closes."""
+"""The reason for a verdict in a few sentences: whether the gap is material, the cause, how much it closes.
+
+A gap is *material* on average over tests, and it *matters* at a test: both are about ρ. Traces *differ*.
+"""
 
 from __future__ import annotations
 
 from s2r_spec.attribution.place import Place, ValueRange
 from s2r_spec.diagnose.decision import Rule, Verdict
 from s2r_spec.diagnose.diagnosis import Diagnosis
-from s2r_spec.report.gap_words import join_names
+from s2r_spec.diagnose.gap.shares import Share
+from s2r_spec.report.gap_words import gap_and_limit_words, join_names, largest_rest_words
 
 LITTLE = "a few percent of every effect"
 """Definition: the words for the small effects that every machine has; alone they make no material gap."""
@@ -32,8 +36,8 @@ def reason(diagnosis: Diagnosis) -> str:
         case Rule.SPREAD:
             sentences = [material, "No cause stands out.", *_closes(diagnosis), *_mistake(diagnosis)]
         case Rule.NONE:
-            first = which.sets[0][0] if which.sets else ()
-            differ = [f"The traces do differ, most as with {join_names(first)}."] if first else []
+            like = f", most as with {join_names(which.nearest)}" if which.nearest else ""
+            differ = [f"The traces do differ{like}."] if which.sets and which.sets[0][0] else []
             sentences = [material, *differ, *_remainder(diagnosis), *_misfit(diagnosis), *_mistake(diagnosis)]
         case Rule.ALIKE:
             cause = f"{_effects(diagnosis, 'explain')} the data, and {_imitation(diagnosis)}"
@@ -44,7 +48,10 @@ def reason(diagnosis: Diagnosis) -> str:
             sentences = [f"Of the catalogue, {best}, but {rival}: check the recordings first."]
         case _:
             sentences = [material, "No effect of the catalogue explains the data."]
-            sentences += [f"Unexplained: {each}." for each in diagnosis.left[:1] if each.material]
+            sentences += [
+                f"Unexplained: {each}." if each.material else f"The {largest_rest_words(each)}."
+                for each in diagnosis.left[:1]
+            ]
             if which.nearest:
                 sentences.append(f"The nearest is {join_names(which.nearest)} ({which.nearest_family}).")
             sentences += [*_closes(diagnosis), *_prediction(diagnosis), *_misfit(diagnosis)]
@@ -55,7 +62,9 @@ def _materiality(diagnosis: Diagnosis) -> str:
     """Return whether the gap is material, and where, if not on average over the held-out tests."""
     far, matters = diagnosis.how_far, diagnosis.materiality
     if far is not None and far.material:
-        return "The gap is material."
+        mean, most = gap_and_limit_words(far)
+        own = f"On average over the held-out tests, the gap of {mean} is material"
+        return f"{own}: scatter and {LITTLE} make at most {most}."
     if not diagnosis.evidence.shows:
         if far is None:
             return "The gap matters at no test." if matters is not None else "The gap was not measured."
@@ -63,12 +72,14 @@ def _materiality(diagnosis: Diagnosis) -> str:
     ended = None if matters is None or matters.places else matters.failures
     if ended is not None and ended.matters:
         return (
-            f"The gap is material: {ended.real} of {ended.real_rollouts} real rollouts ended early, and "
+            f"The gap matters: {ended.real} of {ended.real_rollouts} real rollouts ended early, and "
             f"{ended.simulated} of {ended.simulated_rollouts} simulated ones."
         )
     if far is None:
-        return "The gap is material. No rollout was held out to measure its reduction."
-    return "The gap is material at some tests, but not on average over the held-out tests."
+        return "The gap matters at some tests. No rollout was held out to measure its reduction."
+    if far.elsewhere:
+        return "The gap is material on average over the other tests, but not over the held-out tests."
+    return "The gap matters at some tests, but on average over the held-out tests it is not material."
 
 
 def _effects(diagnosis: Diagnosis, verb: str) -> str:
@@ -78,22 +89,37 @@ def _effects(diagnosis: Diagnosis, verb: str) -> str:
 
 
 def _closes(diagnosis: Diagnosis) -> list[str]:
-    """Return how much of the held-out gap is closed, by the named effects or by all together."""
+    """Return how much of the gap is closed where it shows, by the named effects or by all together."""
     far, named = diagnosis.how_far, diagnosis.evidence.named
     ends = [f"{name} is at the end of its range." for name in diagnosis.evidence.at_end]
-    if far is not None and named and far.share is not None:
-        closes, share = "it closes" if len(named) == 1 else "they close", _part(far.share.estimate)
-        more = [f"The rest is more than {LITTLE} would leave."] if far.leaves_more else []
-        return [f"Added to the simulator, {closes} {share} the held-out gap above scatter.", *more, *ends]
-    if far is not None and not named and far.tuned_share is not None:
-        part = _part(far.tuned_share.estimate)
-        return [f"Small amounts of all effects close {part} the held-out gap above scatter."]
+    if far is None:
+        return ends
+    patched, tuned = far.shares
+    if far.material:
+        where = "the held-out gap above scatter"
+    else:
+        where = f"the gap above scatter at the {'other tests' if far.elsewhere else 'tests where it matters'}"
+    if named and patched is not None:
+        more = (
+            [f"The rest is more than {LITTLE} would leave."]
+            if far.leaves_more and patched.estimate > 0.0
+            else []
+        )
+        what = _part("it" if len(named) == 1 else "they", len(named) == 1, patched, where)
+        return [f"Added to the simulator, {what}", *more, *ends]
+    if not named and tuned is not None:
+        return [_part("Small amounts of all effects", False, tuned, where)]
     return ends
 
 
-def _part(share: float) -> str:
-    """Return how much of a gap is closed, in words."""
-    return "none of" if share <= 0.0 else "all of" if share > 1.0 else f"{100 * share:.0f} % of"
+def _part(what: str, one: bool, share: Share, of: str) -> str:
+    """Return how much of a gap the effects close, of which there is one or several, in a sentence."""
+    if share.high < 0.0:
+        return f"{what} surely make{'s' if one else ''} {of} larger."
+    if share.estimate <= 0.0:
+        return f"{what} {'does' if one else 'do'} not make {of} smaller."
+    part = "all of" if share.estimate > 1.0 else f"{100 * share.estimate:.0f} % of"
+    return f"{what} close{'s' if one else ''} {part} {of}."
 
 
 def _misfit(diagnosis: Diagnosis) -> list[str]:

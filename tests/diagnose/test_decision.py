@@ -7,8 +7,9 @@ import pytest
 
 from s2r_spec.diagnose.decision import Evidence, Rule, Verdict
 from s2r_spec.diagnose.experiment_design.identifiability import Candidate, Power, Separation
-from s2r_spec.diagnose.gap.held_out import compare, gap
+from s2r_spec.diagnose.gap.held_out import compare
 from s2r_spec.diagnose.gap.materiality import Failures, Materiality, RolloutsAtTest, materiality
+from s2r_spec.diagnose.gap.shares import gap
 from s2r_spec.diagnose.inference.estimates import EffectEstimate, ParameterEstimate
 from s2r_spec.diagnose.inference.goodness_of_fit import GoodnessOfFit, Misfit
 from s2r_spec.diagnose.inference.prediction import Prediction

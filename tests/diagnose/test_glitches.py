@@ -10,6 +10,7 @@ from s2r_spec.diagnose.quality.recordings import Recordings
 from s2r_spec.diagnose.simulator.bench import Bench
 from s2r_spec.report.advice import next_step
 from s2r_spec.trace import Trace
+from tests.errors import states
 
 BENCH = Bench.of(s2r.parse_spec(SPEC), "tracking", Cart())
 
@@ -70,6 +71,44 @@ def test_a_step_noise_a_lost_channel_and_what_saturates_are_not():
 
     for spoil in (None, step, noisy, saturated, lost):
         assert glitches(many({}, spoil)) == []
+
+
+LENGTHS = (30, 300, 3000, 20_000)
+
+
+def noisy_runs(samples, seed, step=0.0, spike=0.0):
+    """Five rollouts that move, and one of measuring noise alone; ``step`` is that of the converter."""
+    rng, times = np.random.default_rng(seed), np.linspace(0.0, 2.0, samples)
+    runs = []
+    for k in range(6):
+        values = np.sin((k != 2) * 3.0 * times) + 0.02 * rng.normal(size=samples)
+        values[samples // 2] += spike * (k == 2)
+        values = np.round(values / step) * step if step else values
+        runs.append(({"vd": 0.2 + 0.1 * k, "acc": 2.0}, Trace(times, {"v_meas": values}, {"v_meas": "m/s"})))
+    return runs
+
+
+@pytest.mark.parametrize("step", [0.0, 0.02, 0.1])
+@pytest.mark.parametrize("samples", LENGTHS)
+def test_the_largest_of_many_samples_of_noise_is_no_glitch(samples, step):
+    """At the level of 5 % for a whole set of recordings, three of 12 sets with one would be much (p = 0.02)."""
+    found = [by_channel(Recordings(BENCH, noisy_runs(samples, seed, step))) for seed in range(12)]
+    assert sum(map(bool, found)) <= 2
+
+
+@pytest.mark.parametrize("step", [0.0, 0.02])
+@pytest.mark.parametrize("samples", LENGTHS)
+def test_a_sample_far_off_in_noise_is_found(samples, step):
+    [glitch] = glitches(noisy_runs(samples, 0, step, spike=0.5))
+    assert glitch.code == "spike"
+    assert states(glitch.text, "v_meas", "real rollout 2", "1 s" if samples > 1000 else "v_meas")
+
+
+def test_a_sample_far_off_in_a_channel_that_is_constant_otherwise_is_found():
+    def spike(trace):
+        return changed(changed(trace, "v_meas", slice(None), 0.25), "v_meas", 40, 1.0)
+
+    assert [each.code for each in glitches(many({}, spike))] == ["spike"]
 
 
 def test_a_count_that_is_one_more_for_once_is_no_glitch():

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from s2r_spec.base.json_values import document
-from s2r_spec.diagnose.decision import Evidence, Rule
+from s2r_spec.diagnose.decision import Evidence, Rule, Verdict
 from s2r_spec.diagnose.diagnosis import Diagnosis, Which
 from s2r_spec.diagnose.experiment_design.identifiability import Candidate, Power, Separation
 from s2r_spec.diagnose.experiment_design.next_test import NextTest
-from s2r_spec.diagnose.gap.held_out import Share, compare
+from s2r_spec.diagnose.gap.held_out import ClosedThere, compare
+from s2r_spec.diagnose.gap.materiality import RolloutsAtTest, materiality
+from s2r_spec.diagnose.gap.shares import Share
 from s2r_spec.diagnose.inference.estimates import EffectEstimate, ParameterEstimate
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.residuals.left import Remainder
@@ -20,8 +22,9 @@ from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.report import diagnosis as diagnosis_report
 from s2r_spec.report import diagnosis_page
 from s2r_spec.report.advice import next_step
-from s2r_spec.report.diagnosis import markdown
+from s2r_spec.report.diagnosis import describe, markdown
 from s2r_spec.report.figures.robot import is_quadruped, robot
+from s2r_spec.report.gap_words import gap_and_limit_words
 from s2r_spec.report.records.schema import schema
 from tests.diagnose.test_decision import ALARM, CLOCK, FELL, MATTERS, SAME
 from tests.errors import states
@@ -226,7 +229,7 @@ SPIKE = Finding("spike", "u", "u is off")
         ),
         (SURE | SMALL, Rule.EFFECT, 0, "The gap in ρ is not material", "leave the simulator as it is"),
         (NONE | SMALL, Rule.NONE, 0, "The traces do differ, most as with friction", "Diagnose again"),
-        (NONE | FALLS, Rule.SPREAD, 3, "4 of 10 real rollouts ended early", "--tuned"),
+        (NONE | FALLS, Rule.SPREAD, 3, "4 of 10 real rollouts ended early", "Leave the simulator"),
         (FALLS | {"materiality": MATTERS}, Rule.OPEN, 3, "No rollout was held out", "run chirp"),
         (
             {"findings": (CLOCK,)},
@@ -301,7 +304,7 @@ def test_the_forms_of_a_result_in_python(tmp_path):
     assert one.to_json() == plain.to_json()
     assert one.save(tmp_path / "kept").read_text() == document(plain) + "\n"
     assert one.report(tmp_path / "x.html").read_text() == diagnosis_page.render(plain, spec, "twin:lab")
-    assert repr(one).startswith("Diagnosis(confounded: The gap is material.")
+    assert repr(one).startswith("Diagnosis(confounded: On average over the held-out tests")
     assert "friction.force" in one._repr_html_()
     assert "This assumes" in plain._repr_html_()
 
@@ -371,3 +374,84 @@ def test_without_where_or_held_out_tests_the_page_says_so():
     page = page_of(diagnosis_page.render, replace(found, where=None), spec)
     assert "No real rollouts were held out" in page.text
     assert page.pictures == []
+
+
+def shares_there(patched, tuned):
+    there = ClosedThere(
+        2, *(None if part is None else Share(part, part - 0.1, part + 0.1) for part in (patched, tuned))
+    )
+    return {"held_out": replace(far_of(0, size=0.012), closed_there=there), "materiality": MATTERS}
+
+
+def test_small_amounts_of_all_effects_are_advised_only_where_they_surely_close_some_of_the_gap():
+    for shares, advised in ((0.9, True), (0.3, True), (0.05, False), (-0.5, False), (None, False)):
+        found, spec = diagnosis(**NONE | shares_there(None, shares))
+        assert found.rule is Rule.SPREAD
+        assert ("--tuned" in next_step(found, spec)) is advised
+
+
+def test_a_gap_of_single_tests_is_closed_there_and_said_so():
+    found, _ = diagnosis(**SURE | shares_there(0.9, None) | {"goodness": ALARM})
+    assert found.rule is Rule.EFFECT
+    assert "90 %" in found.reason
+    assert "held-out gap" not in found.reason
+    assert diagnosis(**SURE | shares_there(0.5, None) | {"goodness": ALARM})[0].rule is Rule.MISFIT
+
+
+def test_what_is_named_is_not_among_what_tests_alone_cannot_measure():
+    friction = effect("friction", "force", "N", 0.999, 1.5, 0.2, width=0.9)
+    ruled_out = replace(
+        PAYLOAD, parameters=(*PAYLOAD.parameters, replace(DELAY.parameters[0], dependent=True))
+    )
+    found, spec = diagnosis(effects=(friction, ruled_out, DELAY), passive=True)
+    assert found.which.status["friction"].value == "named"
+    said = describe(found, spec).passive
+    assert states(said, "delay")
+    assert not states(said, "friction")
+    assert not states(said, "payload")
+    assert describe(*diagnosis(effects=(friction,), separation=None, passive=True)).passive == ""
+
+
+@pytest.mark.parametrize(("probability", "named"), [(0.04, False), (0.45, False), (0.55, True)])
+def test_the_nearest_effect_is_one_that_is_more_likely_than_all_others(probability, named):
+    found, _ = diagnosis(**NONE | {"held_out": far_of(0, 0.2), "goodness": ALARM})
+    sets = (((), 0.4 * (1.0 - probability)), (("payload",), probability))
+    found = replace(found, which=replace(found.which, sets=sets))
+    assert found.verdict is Verdict.UNKNOWN
+    assert states(found.reason, "payload") is named
+    assert bool(found.which.nearest_family) is named
+
+
+@pytest.mark.parametrize("surplus", [0.6, 1.8])
+def test_none_of_these_says_where_most_of_the_motion_is_left(surplus):
+    found, spec = diagnosis(left=(replace(PUSH, surplus=surplus),), held_out=far_of(0, 0.2))
+    assert found.verdict is Verdict.UNKNOWN
+    assert states(found.reason, "−3.25 N·m", "torque", "0.5", "0.6 s", "FR calf")
+    for line in describe(found, spec).parts[-1:]:
+        assert states(line, "−3.25 N·m", "0.5", "0.6 s", "FR calf")
+    assert states(next_step(found, spec), "−3.25 N·m", "0.5", "0.6 s", "FR calf")
+
+
+def test_a_material_gap_is_an_average_and_a_gap_matters_at_tests():
+    quiet = materiality([RolloutsAtTest({"vd": 0.5}, np.array([1.0]), np.linspace(0.9, 1.1, 6))], "m")
+    found, spec = diagnosis(materiality=quiet)
+    assert found.how_far.material
+    assert states(found.reason, "average", "held-out", "0.30 m")
+    assert "matter" not in found.reason
+    (_, tests) = describe(found, spec).matters
+    assert states(tests, "none", "1")
+    close = replace(far_of(0), background=0.29)
+    mean, most = gap_and_limit_words(close)
+    assert close.material
+    assert mean != most
+
+
+def test_a_patch_that_makes_the_gap_larger_does_not_close_none_of_it():
+    for share, words in (
+        (Share(-1.5, -3.0, -0.6), "surely makes"),
+        (Share(-0.5, -1.5, 0.2), "does not make"),
+    ):
+        far = replace(far_of(0, 0.2), share=share)
+        reason = diagnosis(**SURE | {"held_out": far, "goodness": ALARM})[0].reason
+        assert words in reason
+        assert "close" not in reason

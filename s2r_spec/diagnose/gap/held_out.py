@@ -11,6 +11,10 @@ Unknown: the gap g = mean over the rollouts of |ρ_real − E ρ_sim|, for three
 The gap is *material* if it exceeds floor + background, and what scatter alone makes in 1 of 20 cases. σ comes from
 replicates of the machine if these have at least FEWEST degrees of freedom, else from the simulator.
 
+What closes is the gap *where it shows*: at all held-out tests if it is material there, else at all other tests if it is
+material there, else at the single tests at which it matters (:mod:`.materiality`). It is *closed* if its share over the
+rollouts of these tests is at least GONE, and surely above 0. It surely *stays* only where it shows at FEWEST tests.
+
 Units: those of ρ. Source: Efron & Tibshirani, *An Introduction to the Bootstrap* (1993), ch. 13.
 """
 
@@ -18,7 +22,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import NormalDist
 
 import numpy as np
@@ -28,9 +32,10 @@ from s2r_spec.backend.effects import catalogue_of
 from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.json_types import Count, Probability
 from s2r_spec.base.json_values import Shown
-from s2r_spec.diagnose.gap import DRAWS, FEWEST, LEVEL, SHOTS
-from s2r_spec.diagnose.gap.materiality import mean_difference
+from s2r_spec.diagnose.gap import FEWEST, LEVEL, SHOTS
+from s2r_spec.diagnose.gap.materiality import Materiality, mean_difference
 from s2r_spec.diagnose.gap.nominal import Nominal
+from s2r_spec.diagnose.gap.shares import GONE, Gap, Share, gap, share_closed
 from s2r_spec.diagnose.inference.prior import BACKGROUND
 from s2r_spec.diagnose.simulator.axes import Values, effect_axes
 from s2r_spec.diagnose.simulator.bench import Bench, Test, TestRun, places_of, table
@@ -38,48 +43,8 @@ from s2r_spec.diagnose.simulator.response import values_at
 from s2r_spec.runs.seeds import SeedStream
 from s2r_spec.space import key_of
 
-GONE = 0.8
-"""Level: part of a material gap from which on it is closed. A gap has a share if it exceeds the floor by the rest, a
-fifth of it. Higher, more laws that are off are *none of these*."""
 CLOSED = 0.5
 """Level: part of a material gap that a named cause closes at least. Higher, fewer causes are named."""
-
-
-@dataclass(frozen=True, order=True)
-class Share:
-    """An estimate with its interval.
-
-    Attributes:
-        estimate: the estimate of a share.
-        low: the lower end of the 95 % interval.
-        high: the upper end of the 95 % interval.
-    """
-
-    estimate: float
-    low: float
-    high: float
-
-    @classmethod
-    def of(cls, draws: FloatArray) -> Share:
-        """Return the first number, with the interval of the others, which are resampled."""
-        return cls(float(draws[0]), *np.quantile(draws[1:], [LEVEL / 2, 1.0 - LEVEL / 2]).tolist())
-
-
-@dataclass(frozen=True)
-class Gap:
-    """|ρ_real − E ρ_sim| over rollouts, in the unit of ρ.
-
-    Attributes:
-        mean: over the rollouts.
-        low: of the mean's 95 % interval, rollouts of one test resampled together.
-        high: of it.
-        worst: largest over the tests, of the mean at each.
-    """
-
-    mean: float
-    low: float
-    high: float
-    worst: float
 
 
 @dataclass(frozen=True)
@@ -100,6 +65,21 @@ class HeldOut:
 
 
 @dataclass(frozen=True)
+class ClosedThere:
+    """How much of the gap is closed at the tests at which it shows, if it is not material at the held-out ones.
+
+    Attributes:
+        tests: number of these tests.
+        share: part of the gap above the floor that the named effects close; None without such a gap, or a name.
+        tuned_share: the same share for the tuned simulator.
+    """
+
+    tests: Count
+    share: Share | None
+    tuned_share: Share | None
+
+
+@dataclass(frozen=True)
 class HeldOutGap(Shown):
     """The gap on held-out rollouts, before and after the named effects were added to the simulator.
 
@@ -116,6 +96,7 @@ class HeldOutGap(Shown):
         tests_with_a_larger_gap_at_most: part of all tests, with 95 % confidence.
         tests: the signed gap of each held-out test.
         seen: the gap of the nominal simulator at the tests that were not held out.
+        closed_there: both shares where the gap shows; None if that is at all held-out tests, or nowhere.
     """
 
     rollouts: Count
@@ -130,10 +111,11 @@ class HeldOutGap(Shown):
     tests_with_a_larger_gap_at_most: Probability
     tests: tuple[HeldOut, ...]
     seen: Gap | None = None
+    closed_there: ClosedThere | None = None
 
     JSON = (
-        "rollouts unit before after tuned floor background share tuned_share tests seen material elsewhere "
-        "tests_with_a_larger_gap_at_most"
+        "rollouts unit before after tuned floor background share tuned_share closed_there tests seen material "
+        "elsewhere tests_with_a_larger_gap_at_most"
     )
 
     @property
@@ -154,38 +136,46 @@ class HeldOutGap(Shown):
         return not self.material and self.seen is not None and self.seen.mean > self.at_most
 
     @property
-    def best(self) -> Share | None:
-        """The larger share of both improved simulators; None where the gap has no share."""
-        return max(filter(None, (self.share, self.tuned_share)), default=None)
+    def shares(self) -> tuple[Share | None, Share | None]:
+        """The part that the named effects close where the gap shows, and that of all effects tuned."""
+        if self.material:
+            return self.share, self.tuned_share
+        there = self.closed_there
+        return (None, None) if there is None else (there.share, there.tuned_share)
 
     @property
     def closed(self) -> bool:
-        """Whether a material gap is nearly gone, and surely smaller."""
-        return self._gone(self.best)
+        """Whether the better of both improved simulators closes the gap where it shows."""
+        return any(one is not None and one.gone for one in self.shares)
 
     @property
     def explained(self) -> bool:
-        """Whether the named effects alone close nearly all of a material gap, and surely some of it."""
-        return self._gone(self.share)
+        """Whether the named effects alone close the gap where it shows."""
+        return self.shares[0] is not None and self.shares[0].gone
 
-    def _gone(self, share: Share | None) -> bool:
-        return self.material and share is not None and share.estimate >= GONE and share.low > 0.0
+    @property
+    def _sure(self) -> bool:
+        """Whether the gap shows at enough tests to say that something of it surely stays."""
+        there = self.closed_there
+        return self.material or (there is not None and there.tests >= FEWEST)
 
     def stays(self, least: float) -> bool:
-        """Whether less than this part of a material gap is closed, and surely not all of it.
+        """Whether less than this part of the gap is closed where it shows, and surely not all of it.
 
         An interval in which a patch helps, and as well doubles the gap, says nothing.
         """
-        if not self.material or self.best is None:
+        shares = [one for one in self.shares if one is not None]
+        if not self._sure or not shares:
             return False
-        part, low, high = self.best.estimate, self.best.low, self.best.high
-        surely = all(one.high < 1.0 for one in (self.share, self.tuned_share) if one is not None)
-        return part < least and surely and not low < -1.0 < 0.0 < high
+        best = max(shares)
+        surely = all(one.high < 1.0 for one in shares)
+        return best.estimate < least and surely and not best.low < -1.0 < 0.0 < best.high
 
     @property
     def short(self) -> bool:
-        """Whether the named effects surely leave a part of a material gap."""
-        return self.material and self.share is not None and self.share.high < GONE
+        """Whether the named effects surely leave a part of the gap where it shows."""
+        share = self.shares[0]
+        return self._sure and share is not None and share.high < GONE
 
     @property
     def harmful(self) -> bool:
@@ -213,18 +203,19 @@ def held_out_gap(
     patch: Values,
     tuned: Values,
     nominal: Nominal,
+    matters: Materiality | None = None,
 ) -> HeldOutGap | None:
     """Measure the gap at the held-out tests before and after; None where none was held out.
 
     The other tests are ``seen``. ``patch`` has the values of the named effects, ``tuned`` the posterior mean of every
-    one. ``nominal`` is the simulator at all of these tests.
+    one. ``nominal`` is the simulator at all of these tests. ``matters`` says at which single ones the gap does.
     """
     if not held:
         return None
     real, others = (np.array([bench.rho(trace, test) for test, trace in runs]) for runs in (held, seen))
     tests, at = _distinct_tests([test for test, _ in held])
     machines = [tuned, *([patch] if patch else [])]
-    own = table(bench, machines, nominal.first(tests, SHOTS))[0].reshape(-1, len(tests), SHOTS)
+    own = _rho_of(bench, machines, tests, nominal)
     first = np.array([nominal.rho[key_of(test)][:SHOTS] for test in tests])
     rho = np.concatenate([first[None], own])
     fell = np.array([nominal.ended[key_of(test)][:SHOTS] for test in tests])
@@ -242,8 +233,8 @@ def held_out_gap(
         _, place = _distinct_tests([test for test, _ in seen])
         means = [nominal.rho[key_of(test)].mean() for test, _ in seen]
         elsewhere = gap(others - means, place)
-    rows = zip((*held, *seen), (*real.tolist(), *others.tolist()), strict=True)
-    return compare(
+    rows = list(zip((*held, *seen), (*real.tolist(), *others.tolist()), strict=True))
+    found = compare(
         real,
         [each.mean(axis=1)[at] for each in rho],
         [test for test, _ in held],
@@ -252,6 +243,34 @@ def held_out_gap(
         bench.spec.unit(bench.requirement),
         elsewhere,
     )
+    alone = () if matters is None else (at.params for at in matters.places)
+    where = {key_of(test) for test in ([test for test, _ in seen] if found.elsewhere else alone)}
+    shown = [(test, value) for (test, _), value in rows if key_of(test) in where]
+    if found.material or not shown:
+        return found
+    return replace(found, closed_there=_closed_there(bench, shown, machines, nominal, found.floor))
+
+
+def _rho_of(bench: Bench, machines: Sequence[Values], tests: Sequence[Test], nominal: Nominal) -> FloatArray:
+    """Return (machines, tests, SHOTS) ρ of modified simulators, with the seeds of the nominal one."""
+    rho, _ = table(bench, machines, nominal.first(tests, SHOTS))
+    return np.asarray(rho.reshape(-1, len(tests), SHOTS))
+
+
+def _closed_there(
+    bench: Bench,
+    runs: Sequence[tuple[Test, float]],
+    machines: Sequence[Values],
+    nominal: Nominal,
+    floor: float,
+) -> ClosedThere:
+    """Return what the tuned simulator, and the patched one if there is one, close at tests with their real ρ."""
+    tests, at = _distinct_tests([test for test, _ in runs])
+    first = np.array([nominal.rho[key_of(test)][:SHOTS] for test in tests])
+    rho = np.concatenate([first[None], _rho_of(bench, machines, tests, nominal)]).mean(axis=2)[:, at]
+    before, *after = np.array([value for _, value in runs]) - rho
+    tuned, *named = (share_closed(before, one, at, floor) for one in after)
+    return ClosedThere(len(tests), named[0] if named else None, tuned)
 
 
 def _distinct_tests(tests: Sequence[Test]) -> tuple[list[Test], NDArray[np.intp]]:
@@ -313,44 +332,20 @@ def compare(
     distinct, groups = _distinct_tests(tests)
     nominal, tuned, *patched = (real - each for each in simulated)
     floor = deviation * math.sqrt(2.0 / math.pi * (1.0 + 1.0 / SHOTS))
-    before, least = gap(nominal, groups), (1.0 - GONE) * floor
-
-    def share(after: FloatArray) -> Share | None:
-        b, a = _resample(np.abs([nominal, after]), groups)
-        closed = Share.of((b - a) / np.maximum(b - floor, least + 1e-12))
-        return closed if before.mean > floor + least else None
-
     counts = np.bincount(groups).tolist()
     signed = [(np.bincount(groups, each) / counts).tolist() for each in (nominal, *patched)]
     after = signed[1] if patched else [None] * len(distinct)
     return HeldOutGap(
         rollouts=len(real),
         unit=unit,
-        before=before,
+        before=gap(nominal, groups),
         after=gap(patched[0], groups) if patched else None,
         tuned=gap(tuned, groups),
         floor=floor,
         background=background,
-        share=share(patched[0]) if patched else None,
-        tuned_share=share(tuned),
+        share=share_closed(nominal, patched[0], groups, floor) if patched else None,
+        tuned_share=share_closed(nominal, tuned, groups, floor),
         tests_with_a_larger_gap_at_most=1.0 - LEVEL ** (1.0 / len(distinct)),
         tests=tuple(HeldOut(*each) for each in zip(distinct, counts, signed[0], after, strict=True)),
         seen=seen,
     )
-
-
-def gap(differences: FloatArray, groups: NDArray[np.intp]) -> Gap:
-    """Return the mean of |differences| (n,) with an interval; ``groups`` (n,) has the number of each one's test."""
-    worst = np.abs(np.bincount(groups, differences) / np.bincount(groups)).max()
-    mean = Share.of(_resample(np.abs(differences)[None], groups)[0])
-    return Gap(mean.estimate, mean.low, mean.high, float(worst))
-
-
-def _resample(values: FloatArray, groups: NDArray[np.intp]) -> FloatArray:
-    """Return (q, 1 + DRAWS) the means of (q, n) values, and those of resampled tests; of rollouts for a single test."""
-    rng = np.random.default_rng(np.random.SeedSequence(0))
-    units = groups if groups.any() else np.arange(groups.size)
-    member = units == np.arange(units.max() + 1)[:, None]
-    picks = rng.integers(len(member), size=(DRAWS, len(member)))
-    draws = (values @ member.T)[:, picks].sum(axis=2) / member.sum(axis=1)[picks].sum(axis=1)
-    return np.column_stack([values.mean(axis=1), draws])

@@ -7,12 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.backend import Channel
 from s2r_spec.base.arrays import FloatArray
+from s2r_spec.diagnose.gap import LEVEL
 from s2r_spec.diagnose.quality.faults import PER_RADIAN
 from s2r_spec.diagnose.quality.finding import Finding, join_words, rollout_name
 from s2r_spec.diagnose.quality.recordings import Recordings, as_columns, rms
@@ -30,6 +32,9 @@ NEAR = 1.5
 commands, too."""
 ODD = 5.0
 """Tolerance: one rollout has what most have not if it is so many times as much as in half of them."""
+FREEDOM = 0.19
+"""Definition: degrees of freedom of a deviation by the median of |second differences|, in parts of their number: 0.37,
+the median's efficiency, over 1 + 2 Σ r² = 1.94, for their correlations r are −2/3 and 1/6."""
 PART = 0.2
 """Tolerance: part of a range, of a turn or of a rollout that counts."""
 
@@ -127,7 +132,13 @@ def _times(much: float) -> str:
 
 
 def spike(channel: Channel, of: Recordings) -> Finding | None:
-    """Find the single sample that is farthest off its neighbours."""
+    """Find the single sample that is farthest off its neighbours, and farther than noise ever is.
+
+    A sample of n is off its neighbours by at most y_i = |x_i − (x_i−1 + x_i+1) / 2|. In white noise y is half-normal;
+    its deviation is s, the median of y over that of |N(0, 1)|, with d = FREEDOM · n degrees of freedom. So all N
+    samples of all channels and rollouts are off by at most s t_d(1 − LEVEL / 2N) with probability 1 − LEVEL
+    (Bonferroni). The median's efficiency of 0.37: Rousseeuw and Croux, *J. Am. Stat. Assoc.* 88 (1993).
+    """
     name = channel.name
     one = _odd_rollout(
         of,
@@ -140,7 +151,11 @@ def spike(channel: Channel, of: Recordings) -> Finding | None:
         return None
     number, column = one
     test, trace = of.rollouts[number]
-    far = _isolation(as_columns(trace, name))[:, column]
+    values = as_columns(trace, name)
+    far = _isolation(values)[:, column]
+    every = [as_columns(each, name)[:, column] for _, each in of.rollouts if name in each.channels]
+    if far.max() <= _noise_at_most(values[:, column], _resolution(every), of.samples):
+        return None
     text = (
         f"{name} of {rollout_name(number, test)} is off by {f'{far.max():.3g} {channel.unit}'.rstrip()} for one sample "
         f"at {trace.times[far.argmax()]:.4g} s, and in no other rollout. Is it an error of the recording? If so, "
@@ -154,6 +169,22 @@ def _isolation(values: FloatArray) -> FloatArray:
     away = np.zeros_like(values)
     away[1:-1] = np.abs(values[1:-1] - np.median([values[:-2], values[1:-1], values[2:]], axis=0))
     return away
+
+
+def _noise_at_most(values: FloatArray, resolution: float, among: int) -> float:
+    """Return how far any of so many samples of noise is off its neighbours; ``values`` (n,) tell its deviation."""
+    from scipy.stats import t  # here: a rollout needs no scipy
+
+    apart = np.abs(values[1:-1] - (values[:-2] + values[2:]) / 2.0)
+    # What is quantised may keep its value at most samples, and is known to a step.
+    deviation = max(float(np.median(apart)) / NormalDist().inv_cdf(0.75), resolution)
+    return deviation * float(t.ppf(1.0 - LEVEL / (2.0 * among), FREEDOM * len(values)))
+
+
+def _resolution(columns: Sequence[FloatArray]) -> float:
+    """Return the smallest step of a column in any rollout; 0 where it has none."""
+    steps = np.concatenate([np.abs(np.diff(values)) for values in columns])
+    return float(steps[steps > 0.0].min(initial=np.inf))
 
 
 def find_stopped(channel: Channel, of: Recordings) -> Finding | None:

@@ -32,6 +32,11 @@ class Recordings:
         whole = [(test, trace) for test, trace in self.rollouts if trace.failure is None]
         return [(self.simulated(test), trace) for test, trace in whole[:TESTS]]
 
+    @cached_property
+    def samples(self) -> int:
+        """Number of values of all channels in all rollouts."""
+        return sum(values.size for _, trace in self.rollouts for values in trace.channels.values())
+
     def simulated(self, test: Mapping[str, float]) -> Trace:
         """Return the simulator's rollout of a test."""
         key = key_of(test)

@@ -1,6 +1,7 @@
 """The held-out gap before and after: from numbers, and of a cart."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,8 +9,10 @@ from s2r_cart import SPEC, Cart, real
 
 from s2r_spec import parse_spec
 from s2r_spec.base.json_values import to_json
-from s2r_spec.diagnose.gap.held_out import background_machines, compare, gap, held_out_gap, scatter
+from s2r_spec.diagnose.gap.held_out import ClosedThere, background_machines, compare, held_out_gap, scatter
+from s2r_spec.diagnose.gap.materiality import compared_at_all_tests
 from s2r_spec.diagnose.gap.nominal import Nominal
+from s2r_spec.diagnose.gap.shares import Share, gap
 from s2r_spec.diagnose.simulator.bench import Bench
 from s2r_spec.runs.compatibility import check_compatibility
 
@@ -49,6 +52,32 @@ def test_what_the_held_out_tests_say(found, true):
     names = ("material", "elsewhere", "closed", "short", "harmful", "leaves_more", "better_tuned")
     said = {name for name in names if getattr(found, name)} | ({"stays"} if found.stays(0.5) else set())
     assert said == true
+
+
+@pytest.mark.parametrize(
+    ("patched", "tuned", "true"),
+    [
+        (0.9, 0.3, {"closed", "explained"}),
+        (0.3, 0.9, {"closed"}),
+        (0.7, 0.7, set()),
+        (None, 0.9, {"closed"}),
+        (None, None, set()),
+    ],
+)
+def test_what_closes_is_the_gap_where_it_shows(patched, tuned, true):
+    shares = [None if part is None else Share(part, part - 0.2, part + 0.2) for part in (patched, tuned)]
+    found = replace(far(0.0, size=0.05), closed_there=ClosedThere(2, *shares))
+    assert {name for name in ("closed", "explained") if getattr(found, name)} == true
+    # A material gap of the held-out tests is what has to close, whatever single tests say.
+    assert not replace(far(0.3), closed_there=ClosedThere(2, *shares)).closed
+    five = replace(found, closed_there=ClosedThere(5, *shares))
+    assert (five.stays(0.5), five.short) == (False, patched is not None and patched + 0.2 < 0.8)
+    # Few tests make nothing sure.
+    low = (Share(0.3, 0.2, 0.4),) * 2
+    stay = [replace(found, closed_there=ClosedThere(tests, *low)).stays(0.5) for tests in (2, 5)]
+    assert stay == [False, True]
+    unsure = replace(found, closed_there=ClosedThere(2, *(Share(0.9, -0.1, 1.1),) * 2))
+    assert not unsure.closed
 
 
 def test_a_gap_of_one_test_stays_for_nobody_knows():
@@ -108,6 +137,32 @@ def test_the_right_patch_closes_the_gap_and_a_wrong_one_does_not(bench):
     assert wrong.stays(0.5)
     assert wrong.before == found.before
     assert held_out_gap(bench, [], seen, {}, tuned, sim) is None
+
+
+def test_a_gap_of_a_single_test_closes_there(bench):
+    """A tilt of one test alone: on average over the held-out tests it is a little of everything."""
+    quiet, tilted = CART_TESTS[3:], CART_TESTS[2:3]
+    held = [*runs(quiet * 3, {}, 4000), *runs(tilted, {"tilt": -1.5}, 4050)]
+    patch = {"tilt": {"force": -1.5}}
+    sim = nominal(bench, held)
+    matters = compared_at_all_tests(bench, held, sim)
+    alone = replace(matters, tests=tuple(at for at in matters.tests if at.params in tilted))
+    assert alone.matters
+    found = held_out_gap(bench, held, [], patch, patch, sim, alone)
+    assert not found.material
+    assert found.closed_there.tests == 1
+    assert found.closed
+    wrong = {"motor": {"factor": 0.97}}
+    assert not held_out_gap(bench, held, [], wrong, wrong, sim, alone).closed
+    assert held_out_gap(bench, held, [], patch, patch, sim).closed_there is None
+
+
+def test_a_gap_of_the_other_tests_closes_there(bench):
+    held, seen = runs(HELD, {}, 4000), runs(SEEN, {"tilt": -2.5}, 4050)
+    found = held_out_gap(bench, held, seen, {}, {"tilt": {"force": -2.5}}, nominal(bench, held, seen))
+    assert found.elsewhere
+    assert found.closed_there.tests == len(CART_TESTS[:3])
+    assert (found.closed_there.share, found.closed, found.explained) == (None, True, False)
 
 
 def test_a_healthy_machine_has_no_material_gap_and_one_test_is_enough_to_measure_it(bench):
