@@ -237,13 +237,14 @@ class _Search:
                     self.try_set(tuple(sorted((*members, k))), theta)
             if self.score(self.ranked()[0]) <= before and len(self.ranked()[0]) < size:
                 break
+        self.try_set((), self.found[()].theta, again=True)
         # A set and the ones without each of its causes are compared at runs near the same sizes.
         best = self.ranked()[0]
         for k in best:
             fewer = tuple(x for x in best if x != k)
-            self.try_set(
-                fewer, np.where(np.arange(self.prior.low.size) == k, 0.0, self.found[best].theta), again=True
-            )
+            theta = self.found[best].theta.copy()
+            theta[k] = np.clip(theta[k], -UNNAMED, UNNAMED)
+            self.try_set(fewer, theta, again=True)
 
     def score(self, members: Set) -> float:
         return float(self.found[members].score.sum())

@@ -62,7 +62,7 @@ def test_a_log_of_three_samples_says_nothing(observables):
 
 def test_the_variance_of_means_is_that_of_many_simulated_logs(observables):
     nominal = observables.vector(trace())
-    vectors = np.array([observables.vector(trace(seed)) for seed in range(300)])
+    vectors = np.array([observables.vector(trace(seed)) for seed in range(200)])
     added = instrument_variance(observables, nominal, {"q": in_units(observables)}, len(TIMES))
     group = next(g for g in observables.groups if g.statistic in ("bin", "mean"))
     places = slice(group.start, group.stop)
@@ -74,7 +74,7 @@ def test_the_variance_of_means_is_that_of_many_simulated_logs(observables):
 @pytest.mark.parametrize("size", [1.0, 10.0])
 def test_noise_makes_a_ripple_larger_by_the_root_of_its_variance(observables, size):
     nominal = observables.vector(trace())
-    noisy = np.mean([observables.vector(trace(seed, noise=size * NOISE)) for seed in range(60)], axis=0)
+    noisy = np.mean([observables.vector(trace(seed, noise=size * NOISE)) for seed in range(40)], axis=0)
     added = instrument_variance(observables, nominal, {"q": size**2 * in_units(observables)}, len(TIMES))
     group = next(g for g in observables.groups if g.statistic == "ripple")
     places = slice(group.start, group.stop)

@@ -103,7 +103,7 @@ def small(seed):
 def test_a_bounded_minimum_is_that_of_bounded_least_squares(alike):
     rng = np.random.default_rng(1)
     for size in (1, 3, 8, 20):
-        for _ in range(15):
+        for _ in range(8):
             mixing = rng.normal(size=(size, 2 * size)) + alike * np.outer(
                 rng.normal(size=size), np.ones(2 * size)
             )
