@@ -249,14 +249,14 @@ class _Search:
                     self.try_set(tuple(sorted((*members, k))), theta)
             if len(self.ranked()[0]) <= size:
                 break
+        self.try_set((), self.found[()].theta, again=True)
         self.polish()
         # A set and the ones without each of its causes are compared at runs near the same sizes.
         final = self.ranked()[0]
         for k in final:
-            fewer = tuple(x for x in final if x != k)
-            self.try_set(
-                fewer, np.where(np.arange(self.prior.low.size) == k, 0.0, self.found[final].theta), again=True
-            )
+            theta = self.found[final].theta.copy()
+            theta[k] = np.clip(theta[k], -UNNAMED, UNNAMED)
+            self.try_set(tuple(x for x in final if x != k), theta, again=True)
         self.beside(self.ranked()[0])
 
     def polish(self) -> None:

@@ -52,7 +52,6 @@ def test_what_was_added_is_named_among_three(lagging):
     assert repr(lagging).startswith("Diagnosis(")
 
 
-@pytest.mark.xfail(reason="the interval is 0.13 to 0.23 s", strict=False)
 def test_what_was_added_has_its_size(lagging):
     assert lagging.patch["motor_lag"]["time"] == pytest.approx(0.3, rel=0.15)
 

@@ -60,7 +60,7 @@ def instrument_variance(
         if group.statistic == "bin":
             variance[places] = each * BINS / samples
         elif group.statistic == "mean":
-            variance[places] = each * (len(WINDOWS) - 1) / samples
+            variance[places] = each / (samples * np.repeat(np.diff(WINDOWS), own.size))
         elif group.statistic == "ripple":
             scatter = np.maximum(np.exp(nominal[places]) - FLOOR, 0.0)
             variance[places] = (np.log(np.sqrt(scatter**2 + each) + FLOOR) - nominal[places]) ** 2

@@ -56,6 +56,12 @@ STEPS = 6
 """Budget: most Gauss–Newton steps of a fit."""
 CLOSE = 0.005
 """Tolerance: a fit ends where no size moves further, in typical sizes."""
+TRIES = 5
+"""Budget: rounds of :func:`bounded` that may change many variables at once, and do not help."""
+PIVOTS = 1_000
+"""Budget: most rounds of :func:`bounded`; random problems of 45 variables take 7."""
+NEAR = 1e-9
+"""Tolerance: a size this near to a bound lies on it, in typical sizes."""
 FIRST = 0.7
 """Tolerance: part of the first step that is taken, since the scales still move."""
 
@@ -201,18 +207,30 @@ class SetPrior:
 
 
 def bounded(precision: FloatArray, moment: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
-    """Return (D,) the minimum of ½ xᵀPx − mᵀx within bounds, by fixing what leaves them (an active set)."""
-    x, fixed = np.zeros(moment.size), np.zeros(moment.size, dtype=bool)
-    for _ in range(moment.size):
-        free = ~fixed
-        rest = moment[free] - precision[np.ix_(free, fixed)] @ x[fixed]
+    """Return (D,) the minimum of ½ xᵀPx − mᵀx within bounds, by block principal pivoting.
+
+    A variable is free or at a bound. All that are in a wrong place change it at once, while their number falls. Then
+    they change it one by one, which ends for every positive definite P.
+
+    Source: Júdice & Pires, *Computers & Operations Research* 21 (1994) 587.
+    """
+    place, near = np.zeros(moment.size), NEAR * np.sqrt(np.diag(precision))
+    fewest, left = moment.size + 1, TRIES
+    for _ in range(PIVOTS):
+        free = place == 0.0
+        x = np.where(place < 0.0, low, np.where(place > 0.0, high, 0.0))
+        rest = moment[free] - precision[np.ix_(free, ~free)] @ x[~free]
         x[free] = np.linalg.solve(precision[np.ix_(free, free)], rest)
-        outside = free & ((x < low - 1e-9) | (x > high + 1e-9))
-        if not outside.any():
+        below, above = x < low - NEAR, x > high + NEAR
+        wrong = np.where(free, below | above, place * (moment - precision @ x) < -near)
+        number = int(wrong.sum())
+        if not number:
             break
-        x[outside] = np.clip(x, low, high)[outside]
-        fixed |= outside
-    return x
+        fewest, left = (number, TRIES) if number < fewest else (fewest, left - 1)
+        if left < 0:
+            wrong = np.arange(moment.size) == np.flatnonzero(wrong)[-1]
+        place = np.where(wrong, above.astype(float) - below, place)
+    return np.clip(x, low, high)
 
 
 @dataclass(frozen=True)
