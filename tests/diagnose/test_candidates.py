@@ -93,7 +93,7 @@ def named(answer):
 
 def misfit(answer):
     """Return the part of the observables in which a misfit shows, and the part of it that is left."""
-    return answer.shown, answer.left
+    return answer.prediction.shown, answer.prediction.left
 
 
 def interval(answer, name):
