@@ -257,7 +257,7 @@ class _Search:
             theta = self.found[final].theta.copy()
             theta[k] = np.clip(theta[k], -UNNAMED, UNNAMED)
             self.try_set(tuple(x for x in final if x != k), theta, again=True)
-        self.beside(self.ranked()[0])
+        self.compare(self.ranked()[0])
 
     def polish(self) -> None:
         """Run the simulator at the estimate of the best set, as long as the tests are then predicted better."""
@@ -268,16 +268,18 @@ class _Search:
             if self.score(best) - before < GAIN:
                 break
 
-    def beside(self, best: Set) -> None:
-        """Add one parameter more to the best set, for each that was not tried: around the same runs, by its slope.
+    def compare(self, best: Set) -> None:
+        """Fit every set, and the best one with each other parameter, around the runs of the best set, too.
 
-        A parameter that the tests do not show is then as probable as before, and as wide.
+        The scatter of a few runs changes a score by several nats, so of many sets one is best by luck. Around common
+        runs this luck is common. There a parameter that the tests do not show is as probable as before, and as wide.
         """
-        for k in self.prior.causes.tolist():
-            members = tuple(sorted({*best, k}))
-            if members not in self.found:
-                theta = self.found[best].theta
-                self.found[members] = fitted(self.near[best], self.background, theta, self.prior, members)
+        longer = [tuple(sorted({*best, k})) for k in self.prior.causes.tolist()]
+        for members in dict.fromkeys([*self.found, *longer]):
+            theta = self.found.get(members, self.found[best]).theta
+            new = fitted(self.near[best], self.background, theta, self.prior, members)
+            if members not in self.found or new.score.sum() > self.score(members):
+                self.found[members] = new
 
     def score(self, members: Set) -> float:
         return float(self.found[members].score.sum())
