@@ -21,7 +21,7 @@ from s2r_spec.diagnose.inference.hierarchical import DEGREES, LARGEST
 from s2r_spec.diagnose.inference.instruments import instrument_variance, white_noise
 from s2r_spec.diagnose.inference.model_search import ModelPosterior, Set
 from s2r_spec.diagnose.inference.observation import Observation
-from s2r_spec.diagnose.inference.prediction import Candidate, Prediction, fitted, weighted
+from s2r_spec.diagnose.inference.prediction import Candidate, Prediction, energies, fitted, weighted
 from s2r_spec.diagnose.inference.prior import BACKGROUND, NAMED, SLAB, UNNAMED, SizePrior
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import simulated_rows
@@ -204,16 +204,16 @@ def predicted(
     search = _Search(data, prior, simulate)
     search.run(proposed)
     posterior = weighted(search.found, prior)
-    left = _left(data, search.found[()], search.found[posterior.sets[0]])
+    left = _left(data, search.before, search.found[posterior.sets[0]].energy)
     return Predicted(posterior, search.found, left)
 
 
-def _left(data: TestRuns, none: Candidate, best: Candidate) -> Prediction:
-    """Return how large the misfit is without effects, and which part of it a candidate leaves."""
+def _left(data: TestRuns, nominal: FloatArray, best: FloatArray) -> Prediction:
+    """Return how large the misfit of the nominal simulator is, and which part of it a set leaves, by (G,) energies."""
     names = [name for one in data.observations for name, _ in one.parts]
     size = np.concatenate([one.effective for one in data.observations])
     each = {name: np.array([own == name for own in names]) for name in dict.fromkeys(names)}
-    before, after = ([float(one.energy[own].mean()) for own in each.values()] for one in (none, best))
+    before, after = ([float(one[own].mean()) for own in each.values()] for one in (nominal, best))
     number = np.array([size[own].sum() for own in each.values()])
     excess, rest = (np.maximum(np.array(x) - 1.0, 0.0) for x in (before, after))
     weight = number * excess / np.maximum(before, 1.0)
@@ -228,6 +228,7 @@ class _Search:
         self.data, self.prior, self.simulate = data, prior, simulate
         self.background = [_background(one) for one in data.observations]
         self.found: dict[Set, Candidate] = {}
+        self.before = np.zeros(0)
         self.near: dict[Set, list[Observation]] = {}
         self.grids = {k: _grid(data, prior, k) for k in prior.causes.tolist()}
         self.tables = {
@@ -236,7 +237,9 @@ class _Search:
 
     def run(self, proposed: Sequence[tuple[Set, FloatArray]]) -> None:
         """Try the empty set, single parameters, proposed sets, and further parameters beside the best ones."""
-        self.try_set((), np.zeros(self.prior.low.size))
+        nominal = np.zeros(self.prior.low.size)
+        self.try_set((), nominal)
+        self.before = energies(self.near[()], self.background, nominal)
         for k, theta in self.screened(())[:ALONE]:
             self.try_set((k,), theta)
         for members, theta in proposed:
@@ -269,13 +272,14 @@ class _Search:
                 break
 
     def compare(self, best: Set) -> None:
-        """Fit every set, and the best one with each other parameter, around the runs of the best set, too.
+        """Fit the best set with each other parameter, and the sets with its large causes, around its own runs, too.
 
         The scatter of a few runs changes a score by several nats, so of many sets one is best by luck. Around common
         runs this luck is common. There a parameter that the tests do not show is as probable as before, and as wide.
         """
         longer = [tuple(sorted({*best, k})) for k in self.prior.causes.tolist()]
-        for members in dict.fromkeys([*self.found, *longer]):
+        large = {k for k in best if abs(self.found[best].theta[k]) >= NAMED}
+        for members in dict.fromkeys([*(one for one in self.found if large <= {*one}), *longer]):
             theta = self.found.get(members, self.found[best]).theta
             new = fitted(self.near[best], self.background, theta, self.prior, members)
             if members not in self.found or new.score.sum() > self.score(members):

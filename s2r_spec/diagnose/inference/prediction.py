@@ -272,11 +272,18 @@ def fitted(
         if moved < CLOSE:
             break
     tests = Tests.of(observations, theta)
+    energy = energies(observations, background, theta)
+    return Candidate(members, theta, np.sqrt(tests.variance(own)), tests.left_out(own), energy)
+
+
+def energies(
+    observations: Sequence[Observation], background: Sequence[FloatArray], theta: FloatArray
+) -> FloatArray:
+    """Return (G,) the mean square that (K,) sizes leave in each group, in units of scatter and background."""
     each = zip(observations, background, strict=True)
     squares = [one.residual(theta) ** 2 / (one.noise + small) for one, small in each]
     pairs = zip(observations, squares, strict=True)
-    energy = np.array([float(square[places].mean()) for one, square in pairs for _, places in one.parts])
-    return Candidate(members, theta, np.sqrt(tests.variance(own)), tests.left_out(own), energy)
+    return np.array([float(square[places].mean()) for one, square in pairs for _, places in one.parts])
 
 
 def weighted(candidates: Mapping[Set, Candidate], prior: SizePrior) -> ModelPosterior:
