@@ -1,4 +1,4 @@
-"""What a diagnosis will cost is told before its first real rollout."""
+"""What a diagnosis will cost is printed before its first real rollout."""
 
 from dataclasses import replace
 from time import sleep
@@ -13,7 +13,7 @@ from tests.diagnose.toy import TEST, Toy
 TOY = s2r.parse_spec("param v in [0, 1]\nsignal x {N}\nrequire small: always[0, 0.9 s] (abs(x) <= 2 {N})")
 
 
-class Told:
+class Announced:
     """A progress that keeps the cost, and the machines of all rollouts before it came."""
 
     def __init__(self, ran):
@@ -42,17 +42,24 @@ def ran(monkeypatch):
 
 @pytest.mark.parametrize("budget", [10, smallest_with_held_out(1)])
 def test_rollouts_and_held_out_tests_are_known_before_the_first(tmp_path, ran, budget):
-    told, machine = Told(ran), Toy((("a", 0.5),))
+    announced, machine = Announced(ran), Toy((("a", 0.5),))
     found = s2r.diagnose(
-        TOY, Toy(), machine, budget, cache=tmp_path, folder=tmp_path / "real", progress=told, passive=True
+        TOY,
+        Toy(),
+        machine,
+        budget,
+        cache=tmp_path,
+        folder=tmp_path / "real",
+        progress=announced,
+        passive=True,
     )
-    cost = told.cost
-    assert {one.added for one in told.before} == {()}
+    cost = announced.cost
+    assert {one.added for one in announced.before} == {()}
     assert cost.real.rollouts == found.provenance["rollouts"] == budget
     assert cost.real.seconds == pytest.approx(budget * machine.cost)
     assert (cost.held_out > 0) == (found.provenance["held_out"] > 0) == (budget >= cost.enough)
     assert cost.simulated.rollouts <= len(ran)
-    again = Told(ran)
+    again = Announced(ran)
     s2r.diagnose(
         TOY, Toy(), machine, budget, cache=tmp_path, folder=tmp_path / "real", progress=again, passive=True
     )
@@ -77,11 +84,11 @@ def test_recordings_cost_only_simulations(tmp_path, ran):
     tests = [{"v": v / 11} for v in range(12)]
     rollouts = [(test, machine.rollout(test, seed)) for seed, test in enumerate(tests)]
     ran.clear()
-    told = Told(ran)
-    found = s2r.diagnose(TOY, Toy(), rollouts, cache=tmp_path, progress=told)
-    assert {one.added for one in told.before} == {()}
-    assert (told.cost.real, told.cost.enough) == (None, None)
-    assert (told.cost.held_out > 0) == (found.provenance["held_out"] > 0)
-    again = Told(ran)
+    announced = Announced(ran)
+    found = s2r.diagnose(TOY, Toy(), rollouts, cache=tmp_path, progress=announced)
+    assert {one.added for one in announced.before} == {()}
+    assert (announced.cost.real, announced.cost.enough) == (None, None)
+    assert (announced.cost.held_out > 0) == (found.provenance["held_out"] > 0)
+    again = Announced(ran)
     s2r.diagnose(TOY, Toy(), rollouts, cache=tmp_path, progress=again)
-    assert again.cost.simulated.rollouts == 0 < told.cost.simulated.rollouts
+    assert again.cost.simulated.rollouts == 0 < announced.cost.simulated.rollouts
