@@ -6,7 +6,7 @@ the posterior mean of all. The better one counts. The first rule that holds deci
 
 | rule | condition | verdict |
 | --- | --- | --- |
-| LEFT | a misfit shows, and in left-out tests the most probable set leaves over a quarter of its part | none of these |
+| LEFT | a misfit shows, and the most probable set leaves over a quarter of what it explains | none of these |
 | REMAINDER | the gap shows, some motion no effect explains, and named effects close less than 80 % | none of these |
 | MISFIT | the misfit is an alarm; a gap is not closed, or was not measured and something is named | none of these |
 | STAYS | surely not all is closed, and less than half with an effect named, else less than 80 % | none of these |
@@ -94,7 +94,7 @@ class Evidence:
         effects: estimate of every effect.
         any_cause: probability that some effect is at least a quarter of typical.
         further: effects that are not named, without which no set predicts left-out tests as well.
-        prediction: what the most probable set leaves in tests that it was not fitted to.
+        prediction: what the most probable set leaves in the tests.
         separations: what other experiments would say about each possible effect.
         left: motion that no effect explains.
         findings: suspected mistakes of the recordings.

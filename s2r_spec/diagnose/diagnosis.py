@@ -192,7 +192,7 @@ class Diagnosis(Result, Shown):
         how_far: the gap on held-out real rollouts; None if there are too few.
         materiality: whether the gap matters; None for a diagnosis that was put together by hand.
         goodness_of_fit: whether the effects explain the traces; None where that was not tested.
-        prediction: what the most probable set leaves in tests that it was not fitted to; None with too few tests.
+        prediction: what the most probable set leaves in the tests; None with too few tests.
         findings: suspected mistakes of the recordings; correct these first.
         assumptions: the assumptions, each in one sentence.
         notes: limits of the real rollouts, each in one sentence.

@@ -142,7 +142,7 @@ def _prediction(diagnosis: Diagnosis) -> list[str]:
     if prediction is None or not prediction.rejected:
         return []
     part = f"{100.0 * min(prediction.left, 1.0):.0f} %"
-    return [f"The best set of effects leaves {part} of the difference in tests that it was not fitted to."]
+    return [f"The best set of effects leaves {part} of how the traces of the tests differ."]
 
 
 def _remainder(diagnosis: Diagnosis) -> list[str]:

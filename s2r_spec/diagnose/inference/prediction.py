@@ -15,7 +15,8 @@ Score of a set, with θ and s_g from all tests but t:
     ℓ_t(A) = Σ_g log p(y_tg | y_−t, A),   a Student's t of N_g numbers, scale s_g u_tg, ν + Σ_{t' ≠ t} N_g degrees
 
 The probability of a set is its mean weight ∝ P(A) exp Σ_t w_t ℓ_t(A) over Bayesian bootstrap weights w of the tests.
-So a set is probable only if it predicts better in most tests: one test alone, or many that disagree, decide nothing.
+So a set that one test alone prefers, or that tests disagree about, is not sure. One test of another motion, such as one
+with a gust, can still hide an effect: it makes s_g large in all others.
 
 Within a set, θ has the covariance of the fit and three errors that more tests do not lower:
 
@@ -64,8 +65,6 @@ NEAR = 1e-9
 """Tolerance: a size this near to a bound lies on it, in typical sizes."""
 FIRST = 0.7
 """Tolerance: part of the first step that is taken, since the scales still move."""
-
-
 QUARTER = 0.25
 """Level: misfit that is left, as a part of what a set explains, from which on the set is rejected."""
 SHOWS = 0.1
@@ -75,7 +74,7 @@ which are therefore validation: with less, what a set leaves is scatter."""
 
 @dataclass(frozen=True)
 class Prediction(Shown):
-    """How far the most probable set predicts tests that it was not fitted to.
+    """How much the most probable set leaves of the tests, at its sizes from all of them.
 
     Attributes:
         tests: number of tests.
