@@ -64,4 +64,8 @@ def instrument_variance(
         elif group.statistic == "ripple":
             scatter = np.maximum(np.exp(nominal[places]) - FLOOR, 0.0)
             variance[places] = (np.log(np.sqrt(scatter**2 + each) + FLOOR) - nominal[places]) ** 2
+        elif group.statistic == "innovation" and observables.innovations:
+            every = np.concatenate([noise[one.name] for one in observables.channels])
+            quantity = next(one for one in observables.channels if one.name == group.quantity)
+            variance[places] = observables.innovations.noise(every, observables.columns(quantity))
     return np.nan_to_num(variance)

@@ -9,6 +9,8 @@ flag f (a channel of 0 and 1, such as stance) or another quantity s of the same 
     ripple       log of the scatter within short blocks, for either half;  and log of the scatter of all samples
     flag         means of x where f = 1, and where f = 0       phases of a gait
     product      means of x s, x sign(s) and x ds/dt, of a residual x: what its force law looks like
+    innovation   what errors of one-step predictions have in common with the past, of a simulator without residuals
+                 (:mod:`.innovations`)
 
 Those of one quantity and one kind of statistic are a *group*. What a trace cannot show is NaN.
 
@@ -27,6 +29,7 @@ import numpy as np
 
 from s2r_spec.base.arrays import FloatArray
 from s2r_spec.diagnose.simulator.experiments import RESIDUAL
+from s2r_spec.diagnose.simulator.innovations import Innovations
 from s2r_spec.trace import Trace
 
 BINS = 50
@@ -92,12 +95,14 @@ class Observables:
         quantities: channels and differences.
         flags: (name, width) of the channels of 0 and 1.
         clocked: whether two nominal traces agree in time.
+        innovations: of a simulator without residuals.
     """
 
     duration: float
     quantities: tuple[ObservedQuantity, ...]
     flags: tuple[tuple[str, int], ...]
     clocked: bool = True
+    innovations: Innovations | None = None
 
     @classmethod
     def of_nominal(cls, traces: Sequence[Trace]) -> Observables:
@@ -117,7 +122,12 @@ class Observables:
         units = traces[0].units
         quantities = tuple(_quantities(plain, {name: units.get(name, "") for name in plain}))
         observables = cls(max(trace.duration for trace in traces), quantities, flags)
-        return replace(observables, clocked=observables._agrees(traces))
+        observables = replace(observables, clocked=observables._agrees(traces))
+        if any(quantity.channel.startswith(RESIDUAL) for quantity in quantities):
+            return observables
+        channels = observables.channels
+        samples = [np.hstack([one.of(trace) for one in channels]) for trace in traces]
+        return replace(observables, innovations=Innovations.of_nominal(samples))
 
     @property
     def groups(self) -> tuple[ObservableGroup, ...]:
@@ -132,6 +142,16 @@ class Observables:
     def size(self) -> int:
         """The number m of observables."""
         return sum(size for _, _, size in self._layout)
+
+    @property
+    def channels(self) -> list[ObservedQuantity]:
+        """The quantities that are channels, of which the others are made."""
+        return [quantity for quantity in self.quantities if not quantity.residual]
+
+    def columns(self, quantity: ObservedQuantity) -> slice:
+        """Return the columns of a channel among those of all channels."""
+        before = [one.scale.size for one in self.channels[: self.channels.index(quantity)]]
+        return slice(sum(before), sum(before) + quantity.scale.size)
 
     def vector(self, trace: Trace) -> FloatArray:
         """Return (m,) the observables of a trace with residuals."""
@@ -148,11 +168,15 @@ class Observables:
         ends = np.cumsum([quantity.scale.size for quantity in self.quantities])
         own = {q.name: slice(end - q.scale.size, end) for q, end in zip(self.quantities, ends, strict=True)}
         forms = {name: _forms(values[name], times, self.duration) for name in self._factors}
+        channels = np.hstack([values[one.name] for one in self.channels]) if self.innovations else wide
         parts = []
         for quantity, statistic, _ in self._layout:
             x = values[quantity.name]
             if statistic in rows:
                 parts.append(rows[statistic][:, own[quantity.name]].ravel())
+            elif statistic == "innovation" and self.innovations:
+                own_columns = self.columns(quantity)
+                parts.append(self.innovations.vector(channels, times, self.duration, own_columns))
             elif statistic == "flag":
                 parts += [_in_phases(x, trace, flag, width) for flag, width in self._flags_of(quantity)]
             else:
@@ -205,6 +229,9 @@ class Observables:
                 yield quantity, "flag", 2 * len(flags) * width
             if partners := self._partners(quantity):
                 yield quantity, "product", 3 * len(partners) * width
+            if self.innovations and not quantity.residual:
+                if size := self.innovations.sizes(self.columns(quantity)):
+                    yield quantity, "innovation", size
 
 
 def _quantities(samples: dict[str, FloatArray], units: dict[str, str]) -> Iterator[ObservedQuantity]:

@@ -27,6 +27,7 @@ from s2r_spec.base.errors import BackendError
 from s2r_spec.diagnose.simulator.axes import Values
 from s2r_spec.diagnose.simulator.cache import Cache
 from s2r_spec.diagnose.simulator.experiments import Experiment
+from s2r_spec.diagnose.simulator.innovations import Innovations
 from s2r_spec.diagnose.simulator.observables import Observables, ObservedQuantity
 from s2r_spec.workers.pools import ExecutorFactory, in_this_process
 
@@ -78,6 +79,7 @@ class Runs:
             "flags": o.flags,
             "clocked": o.clocked,
             "quantities": [(q.name, q.channel, q.minus, q.scale.tolist()) for q in o.quantities],
+            "innovations": o.innovations.to_json() if o.innovations else None,
             "jobs": [(job.values, job.variant, job.seeds) for job in self.rows],
         }
         rows = np.concatenate([*self.rows.values(), np.zeros((0, o.size), dtype=np.float32)])
@@ -97,7 +99,10 @@ class Runs:
             for name, channel, minus, scale in header["quantities"]
         )
         flags = tuple((name, int(width)) for name, width in header["flags"])
-        runs = cls(Observables(float(header["duration"]), quantities, flags, bool(header["clocked"])))
+        stored = header["innovations"]
+        innovations = Innovations.from_json(stored) if stored else None
+        duration, clocked = float(header["duration"]), bool(header["clocked"])
+        runs = cls(Observables(duration, quantities, flags, clocked, innovations))
         jobs = [
             Job.of({effect: dict(own) for effect, own in values}, len(seeds), variant, seeds[0] - SEED)
             for values, variant, seeds in header["jobs"]

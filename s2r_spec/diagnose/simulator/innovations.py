@@ -1,0 +1,212 @@
+"""What the errors of one-step predictions have in common with the past: observables that a closed loop does not hide.
+
+Data: samples x_n (C,) of all channels of nominal runs, at N + 1 equal times. Model, with its parameters β_j from these
+runs, for every channel j:
+
+    x_{n+1,j} − x_{n,j} = β_jᵀ φ_{j,n} + e_{j,n}
+
+φ has a constant, and the samples of up to three channels at lags up to :data:`LAGS`: those that predict channel j best.
+The observables of a trace are the scores of β_j, in units in which they have the covariance 1 in nominal runs:
+
+    z_j = (var(e_j) Σ_n φφᵀ)^{-1/2} Σ_n φ_{j,n} e_{j,n}
+
+A delay, a lag or a gain between a command and a motion moves them, however the controller reacts to it. They are nearly
+linear in its size. The mean motion of a closed loop is not, and scatters more.
+
+White noise of variance v_i in the samples of channel i moves Σ φ e by −N v_i (β_il + [i = j and l = 0]).
+
+Shapes: C columns of all channels, m_j observables of column j.
+Source: Ljung, *System Identification*, 2nd ed. (1999), §16.6 (errors and past inputs); Gallant & Tauchen, *Econometric
+Theory* 12 (1996) 657 (scores of a simple model as observables of a simulator).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.base.arrays import FloatArray
+
+SAMPLES = 1000
+"""Budget: most samples of a trace."""
+LAGS = (0, 1, 2, 3, 4, 6, 8, 12, 16)
+"""Definition: lags of the regressors, in samples."""
+INPUTS = 3
+"""Budget: channels in the regressors of one channel."""
+GAIN = 0.03
+"""Tolerance: least part of the error that a further channel removes."""
+RIDGE = 1e-9
+"""Tolerance: regularisation, and the least eigenvalue of Σ φφᵀ that counts, as a part of the largest."""
+
+
+@dataclass(frozen=True, eq=False)
+class Predictor:
+    """The prediction of one column.
+
+    Attributes:
+        inputs: columns in the regressors.
+        weights: (p,) β.
+        whitening: (m_j, p) from Σ φ e of a whole trace to the observables.
+        error: variance of e in nominal runs.
+    """
+
+    inputs: tuple[int, ...]
+    weights: FloatArray
+    whitening: FloatArray
+    error: float
+
+    @property
+    def places(self) -> NDArray[np.int64]:
+        """(p,) places of its regressors among those of all columns."""
+        return _places(self.inputs)
+
+
+@dataclass(frozen=True, eq=False)
+class Innovations:
+    """The predictions of all columns, from nominal runs.
+
+    Attributes:
+        intervals: N of a whole trace.
+        mean, scale: (C,) of the samples.
+        predictors: column → its prediction; a column that never changes has none.
+    """
+
+    intervals: int
+    mean: FloatArray
+    scale: FloatArray
+    predictors: dict[int, Predictor]
+
+    @classmethod
+    def of_nominal(cls, traces: Sequence[FloatArray]) -> Self:
+        """Return the predictions from (n, C) samples of whole nominal runs."""
+        samples = [x[_rows(len(x), min(len(x), SAMPLES + 1))] for x in traces]
+        every = np.concatenate(samples)
+        mean, scale = every.mean(axis=0), every.std(axis=0) + 1e-12
+        pairs = [_regressors((x - mean) / scale) for x in samples if len(x) > 2 * LAGS[-1]]
+        if not pairs:
+            return cls(0, mean, scale, {})
+        past, change = (np.concatenate(each) for each in zip(*pairs, strict=True))
+        gram, moment, energy = past.T @ past, past.T @ change, (change**2).sum(axis=0)
+        predictors = {}
+        for j in np.flatnonzero(energy > RIDGE * len(past)).tolist():
+            inputs, left = _inputs(gram, moment[:, j], energy[j])
+            if inputs:
+                places = _places(inputs)
+                own, error = gram[np.ix_(places, places)], left / len(past)
+                values, vectors = np.linalg.eigh(own * error / len(pairs))
+                whole = values > RIDGE * values[-1]
+                whitening = (vectors[:, whole] / np.sqrt(values[whole])).T
+                predictors[j] = Predictor(inputs, _solved(own, moment[places, j]), whitening, error)
+        return cls(min(len(x) for x in samples) - 1, mean, scale, predictors)
+
+    def sizes(self, columns: slice) -> int:
+        """Return the number of observables of some columns."""
+        return sum(len(self.predictors[j].whitening) for j in _within(self.predictors, columns))
+
+    def vector(self, x: FloatArray, times: FloatArray, duration: float, columns: slice) -> FloatArray:
+        """Return the observables of some columns of (n, C) samples; NaN of a trace that is short or has few samples."""
+        count = self.intervals + 1
+        rows = np.searchsorted(times, np.linspace(0.0, duration, count) - 0.5 * duration / self.intervals)
+        rows = np.unique(np.minimum(rows, len(times) - 1))
+        if len(rows) < WHOLE * count:
+            return np.full(self.sizes(columns), np.nan)
+        past, change = _regressors((x[rows] - self.mean) / self.scale)
+        found = []
+        for j in _within(self.predictors, columns):
+            one = self.predictors[j]
+            own = past[:, one.places]
+            score = one.whitening @ (own.T @ (change[:, j] - own @ one.weights))
+            excited = own @ one.whitening.T
+            gram = one.error * excited.T @ excited + LEAST * np.eye(len(score))
+            found.append((1.0 + LEAST) * np.linalg.solve(gram, score))
+        return np.concatenate(found) if found else np.zeros(0)
+
+    def noise(self, variance: FloatArray, columns: slice) -> FloatArray:
+        """Return the variance of the observables of some columns by white noise, (C,) in samples of the channels.
+
+        The shift that noise makes counts as a standard deviation.
+        """
+        v = variance / self.scale**2
+        found = []
+        for j in _within(self.predictors, columns):
+            one = self.predictors[j]
+            shift = -one.weights.copy()
+            shift[1:] *= np.repeat(v[list(one.inputs)], len(LAGS))
+            shift[0] = 0.0
+            if j in one.inputs:
+                shift[1 + len(LAGS) * one.inputs.index(j)] -= v[j]
+            error = 2.0 * v[j] + float(one.weights[1:] ** 2 @ np.repeat(v[list(one.inputs)], len(LAGS)))
+            found.append((self.intervals * one.whitening @ shift) ** 2 + error / one.error)
+        return np.concatenate(found) if found else np.zeros(0)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it as lists."""
+        each = {
+            j: (p.inputs, p.weights.tolist(), p.whitening.tolist(), p.error)
+            for j, p in self.predictors.items()
+        }
+        return {
+            "intervals": self.intervals,
+            "mean": self.mean.tolist(),
+            "scale": self.scale.tolist(),
+            "each": each,
+        }
+
+    @classmethod
+    def from_json(cls, stored: dict[str, Any]) -> Self:
+        """Return it from lists."""
+        predictors = {
+            int(j): Predictor(tuple(inputs), np.array(weights), np.array(whitening), error)
+            for j, (inputs, weights, whitening, error) in stored["each"].items()
+        }
+        return cls(stored["intervals"], np.array(stored["mean"]), np.array(stored["scale"]), predictors)
+
+
+LEAST = 0.1
+"""Tolerance: excitation of a direction, as a part of that in nominal runs, below which its parameter is not resolved."""
+WHOLE = 0.9
+"""Tolerance: part of the samples from which on a trace counts as whole."""
+
+
+def _rows(have: int, count: int) -> NDArray[np.int64]:
+    return np.round(np.linspace(0, have - 1, count)).astype(np.int64)
+
+
+def _regressors(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return (n, 1 + C lags) a constant and the past of every column, and (n, C) the next changes."""
+    first, count = LAGS[-1], len(x) - 1 - LAGS[-1]
+    past = np.stack([x[first - lag : first - lag + count] for lag in LAGS], axis=2)
+    return np.column_stack([np.ones(count), past.reshape(count, -1)]), np.diff(x, axis=0)[first:]
+
+
+def _places(inputs: Sequence[int]) -> NDArray[np.int64]:
+    return np.concatenate([[0], *(1 + len(LAGS) * i + np.arange(len(LAGS)) for i in inputs)]).astype(np.int64)
+
+
+def _solved(gram: FloatArray, moment: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.solve(gram + RIDGE * np.trace(gram) * np.eye(len(gram)), moment))
+
+
+def _inputs(gram: FloatArray, moment: FloatArray, energy: float) -> tuple[tuple[int, ...], float]:
+    """Return the columns that predict best, by forward selection, and the energy of the errors that they leave."""
+    chosen: tuple[int, ...] = ()
+    left, others = float(energy), range((len(gram) - 1) // len(LAGS))
+    for _ in range(INPUTS):
+        tried = {}
+        for i in set(others) - {*chosen}:
+            places = _places((*chosen, i))
+            own = moment[places]
+            tried[i] = float(energy - own @ _solved(gram[np.ix_(places, places)], own))
+        best = min(tried, key=lambda i: tried[i], default=-1)
+        if best < 0 or tried[best] > (1.0 - GAIN) * left:
+            break
+        chosen, left = (*chosen, best), tried[best]
+    return chosen, max(left, RIDGE * float(energy))
+
+
+def _within(predictors: dict[int, Predictor], columns: slice) -> list[int]:
+    return [j for j in range(columns.start, columns.stop) if j in predictors]
