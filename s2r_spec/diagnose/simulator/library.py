@@ -49,6 +49,8 @@ NOMINAL = 8
 """Budget: nominal runs of an experiment, from which its scatter is known to 27 %."""
 NOMINAL_REST = Job.of({}, NOMINAL - PILOT, first=PILOT)
 """Definition: the nominal runs beside those that decide the observables."""
+CHEAP = 5.0
+"""Budget: declared time of all rollouts of a library [s], below which every parameter has all points."""
 VERSION = 4
 """Definition: of the arrays; a change makes every library again."""
 
@@ -75,7 +77,12 @@ def library(
     designs = dict.fromkeys(experiments, design)
     first = ResponseLibrary(design.parameters, _responses(backend, designs, executor, tell, cache))
     tell = partial(progress, "simulating small sizes")
-    bent = curved(first, refined(backend, first, most_visible(first), executor, tell, cache))
+    every = {axis.name for axis in design.parameters}
+    jobs = [job for e in experiments for job in _Design.of(backend, design.parameters, every).jobs(e)]
+    if backend.cost * sum(len(job.seeds) for job in jobs) < CHEAP:
+        bent = frozenset(every)
+    else:
+        bent = curved(first, refined(backend, first, most_visible(first), executor, tell, cache))
     if not bent:
         return first
     tell = partial(progress, "simulating all sizes of some effects")

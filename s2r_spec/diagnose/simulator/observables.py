@@ -224,7 +224,8 @@ class Observables:
                 if self.clocked
                 else (quantity, "mean", (len(WINDOWS) - 1) * width)
             )
-            yield quantity, "ripple", 3 * width
+            if quantity.residual or not self.innovations:
+                yield quantity, "ripple", 3 * width
             if flags := self._flags_of(quantity):
                 yield quantity, "flag", 2 * len(flags) * width
             if partners := self._partners(quantity):
