@@ -155,17 +155,19 @@ def _replicate_ratios(
 ) -> dict[tuple[str, str], float]:
     """Return group → f_g, by which repeated real runs scatter more than simulated ones; at least 1."""
     total: dict[tuple[str, str], float] = {}
-    free: dict[tuple[str, str], int] = {}
+    free: dict[tuple[str, str], float] = {}
     for one, vectors, extra in every:
-        for name, places in one.parts:
+        for (name, places), size in zip(one.parts, one.effective.tolist(), strict=True):
             total.setdefault(name, DEGREES)
+            free.setdefault(name, DEGREES)
             if len(vectors) > 1:
                 variance = one.response.scatter[one.kept][places] ** 2 + extra[places] + 1e-12
                 ratio = vectors[:, places].var(axis=0, ddof=1) / variance
                 if np.isfinite(ratio).any():
-                    total[name] += (len(vectors) - 1) * float(np.nanmean(ratio))
-                    free[name] = free.get(name, 0) + len(vectors) - 1
-    return {name: max(value / (DEGREES + free.get(name, 0)), 1.0) for name, value in total.items()}
+                    number = (len(vectors) - 1) * size
+                    total[name] += number * float(np.nanmean(ratio))
+                    free[name] += number
+    return {name: max(value / free[name], 1.0) for name, value in total.items()}
 
 
 def _background(one: Observation) -> FloatArray:

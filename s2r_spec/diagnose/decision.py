@@ -16,7 +16,7 @@ the posterior mean of all. The better one counts. The first rule that holds deci
 | RIVALS | an effect is named, and without further ones no set predicts left-out tests as well | confounded |
 | OPEN | an effect is named, and an allowed experiment would settle a possible one | confounded |
 | EFFECT | an effect is named | named |
-| EITHER | the gap shows, and surely there is a cause, but it is not clear which | confounded |
+| EITHER | surely there is a cause, but it is not clear which | confounded |
 | SPREAD | the gap shows | no single cause |
 | NONE | else | no material gap |
 
@@ -171,6 +171,6 @@ class Evidence:
             return Rule.RIVALS
         if named:
             return Rule.OPEN if self.open else Rule.EFFECT
-        if shows:
-            return Rule.EITHER if self.any_cause >= SURE else Rule.SPREAD
-        return Rule.NONE
+        if self.any_cause >= SURE:
+            return Rule.EITHER
+        return Rule.SPREAD if shows else Rule.NONE

@@ -10,7 +10,8 @@ samples then has the further variance v/n. The ripple, log(scatter + FLOOR), is 
 square counts as variance.
 
 Where tests were repeated, the variance of the observables of group g exceeds that of the simulator by f_g = (ν + Σ m
-q)/(ν + Σ m), with q the ratio of both variances at a test, and m its degrees of freedom.
+q)/(ν + Σ m), with q the ratio of both variances at a test, and m its degrees of freedom: of one less than its runs, in
+N_g independent numbers.
 
 Units: those of the observables. Shapes: m observables.
 Source: Hall, Kay & Titterington, *Biometrika* 77 (1990) 521 (differences); Gelman et al., *Bayesian Data Analysis*, 3rd

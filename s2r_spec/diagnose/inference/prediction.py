@@ -170,6 +170,13 @@ class Tests:
             found.append(float(density.sum()))
         return np.array(found)
 
+    def information(self, prior: SetPrior) -> FloatArray:
+        """Return (G, K, K) every group's information about the sizes."""
+        _, scales, _ = self.fitted(np.ones(self.test.size, dtype=bool), prior)
+        weight = self.groups.size / scales[self.kind]
+        effects = self.theta.size
+        return np.asarray(weight[:, None, None] * self.groups.gram[:, :effects, :effects])
+
     def variance(self, prior: SetPrior) -> FloatArray:
         """Return (K,) the variance of every size: of the fit, by the jackknife over groups, and by other laws."""
         every = np.ones(self.test.size, dtype=bool)
@@ -177,15 +184,41 @@ class Tests:
         effects = self.theta.size
         weight = self.groups.size / scales[self.kind]
         precision = np.tensordot(weight, self.groups.gram, 1)
-        alike = precision[:effects, :effects] / np.maximum(np.diag(precision)[:effects, None], TINY)
+        law = law_variances(self.information(prior), self.theta + step[:effects])
         precision[range(effects), range(effects)] += prior.precision
         precision[range(effects, len(precision)), range(effects, len(precision))] += 1.0
         fit = np.diag(np.linalg.inv(precision))[:effects]
         without = [self.step(self.kind != kind, scales, prior)[:effects] for kind in range(scales.size)]
         count = len(without)
         jackknife = (count - 1) / count * ((without - np.mean(without, axis=0)) ** 2).sum(axis=0)
-        law = LAW_SHARE**2 * alike**2 @ (self.theta + step[:effects]) ** 2
         return np.asarray(fit + jackknife + SHARED**2 + law)
+
+
+def overlap(information: FloatArray, direction: FloatArray) -> FloatArray:
+    """Return (K,) Σ_g (J_D,g J_g,kk)^½, with the (G, K, K) information along (K,) a direction of sizes."""
+    along = np.maximum(np.einsum("i,gij,j->g", direction, information, direction, optimize=True), 0.0)
+    own = np.maximum(np.einsum("gii->gi", information), 0.0)
+    return np.asarray(np.sqrt(along) @ np.sqrt(own))
+
+
+def law_variances(information: FloatArray, theta: FloatArray) -> FloatArray:
+    """Return (K,) the variance of every size by laws of another author, at (K,) sizes."""
+    own = np.sqrt(np.maximum(np.einsum("gii->gi", information), 0.0))
+    shared = own.T @ own
+    return np.asarray(LAW_SHARE**2 * (shared / np.maximum(np.diag(shared)[:, None], TINY)) ** 2 @ theta**2)
+
+
+def information_left(information: FloatArray, theta: FloatArray, difference: FloatArray) -> float:
+    """Return J_D/(J_D + Q_D), the part of a difference of scores that errors of laws leave.
+
+    Args:
+        information: (G, K, K) at the better set.
+        theta: (K,) its sizes.
+        difference: (K,) of the sizes of both sets.
+    """
+    along = float(np.einsum("i,gij,j->", difference, information, difference, optimize=True))
+    errors = LAW_SHARE**2 * float(theta**2 @ overlap(information, difference) ** 2)
+    return along / (along + errors) if along > 0.0 else 1.0
 
 
 @dataclass(frozen=True)
@@ -241,6 +274,7 @@ class Candidate:
         theta, deviation: (K,) sizes and their standard deviations.
         score: (T,) log predictive density of each test, from the others.
         energy: (G,) mean square of each group, in units of scatter and background.
+        information: (G, K, K) of each group about the sizes.
     """
 
     members: Set
@@ -248,6 +282,7 @@ class Candidate:
     deviation: FloatArray
     score: FloatArray
     energy: FloatArray
+    information: FloatArray
 
 
 def fitted(
@@ -272,7 +307,8 @@ def fitted(
             break
     tests = Tests.of(observations, theta)
     energy = energies(observations, background, theta)
-    return Candidate(members, theta, np.sqrt(tests.variance(own)), tests.left_out(own), energy)
+    deviation = np.sqrt(tests.variance(own))
+    return Candidate(members, theta, deviation, tests.left_out(own), energy, tests.information(own))
 
 
 def energies(
@@ -288,7 +324,14 @@ def energies(
 def weighted(candidates: Mapping[Set, Candidate], prior: SizePrior) -> ModelPosterior:
     """Return the posterior over the candidates' sets by their predictions."""
     sets = list(candidates)
-    each = np.array([candidates[members].score for members in sets])
+    best = max(candidates.values(), key=lambda one: float(one.score.sum()))
+    each = np.array(
+        [
+            best.score
+            + information_left(best.information, best.theta, one.theta - best.theta) * (one.score - best.score)
+            for one in candidates.values()
+        ]
+    )
     odds = np.log(np.maximum(prior.probability, 1e-300)) - np.log1p(-prior.probability)
     rng = np.random.default_rng(np.random.SeedSequence(0))
     tests = each.shape[1]
