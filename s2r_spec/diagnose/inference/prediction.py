@@ -208,17 +208,18 @@ def law_variances(information: FloatArray, theta: FloatArray) -> FloatArray:
     return np.asarray(LAW_SHARE**2 * (shared / np.maximum(np.diag(shared)[:, None], TINY)) ** 2 @ theta**2)
 
 
-def information_left(information: FloatArray, theta: FloatArray, difference: FloatArray) -> float:
-    """Return J_D/(J_D + Q_D), the part of a difference of scores that errors of laws leave.
+def part_left(better: Candidate, worse: Candidate) -> float:
+    """Return the part of a difference of scores of two sets that errors of laws leave.
 
-    Args:
-        information: (G, K, K) at the better set.
-        theta: (K,) its sizes.
-        difference: (K,) of the sizes of both sets.
+    J is the information at the better set, but no more along the difference than the scores have.
     """
+    difference, information = worse.theta - better.theta, better.information
     along = float(np.einsum("i,gij,j->", difference, information, difference, optimize=True))
-    errors = LAW_SHARE**2 * float(theta**2 @ overlap(information, difference) ** 2)
-    return along / (along + errors) if along > 0.0 else 1.0
+    score = 2.0 * float((better.score - worse.score).sum())
+    if not along > 0.0:
+        return 1.0
+    errors = LAW_SHARE**2 * float(better.theta**2 @ overlap(information, difference) ** 2)
+    return 1.0 / (1.0 + min(score / along, 1.0) * errors / along)
 
 
 @dataclass(frozen=True)
@@ -326,11 +327,7 @@ def weighted(candidates: Mapping[Set, Candidate], prior: SizePrior) -> ModelPost
     sets = list(candidates)
     best = max(candidates.values(), key=lambda one: float(one.score.sum()))
     each = np.array(
-        [
-            best.score
-            + information_left(best.information, best.theta, one.theta - best.theta) * (one.score - best.score)
-            for one in candidates.values()
-        ]
+        [best.score + part_left(best, one) * (one.score - best.score) for one in candidates.values()]
     )
     odds = np.log(np.maximum(prior.probability, 1e-300)) - np.log1p(-prior.probability)
     rng = np.random.default_rng(np.random.SeedSequence(0))
