@@ -25,7 +25,7 @@ from s2r_spec.diagnose.inference.prediction import Candidate, Prediction, energi
 from s2r_spec.diagnose.inference.prior import BACKGROUND, NAMED, SLAB, UNNAMED, SizePrior
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import simulated_rows
-from s2r_spec.diagnose.simulator.response import ResponseLibrary
+from s2r_spec.diagnose.simulator.response import ResponseLibrary, replicates
 from s2r_spec.diagnose.simulator.runs import SEED
 from s2r_spec.trace import Trace
 from s2r_spec.workers.pools import ExecutorFactory
@@ -44,8 +44,14 @@ GAIN = 0.5
 GRID = 17
 """Budget: sizes at which a proposal compares the library with the tests, beside those of the library."""
 
-Simulate = Callable[[FloatArray], "list[FloatArray]"]
-"""Returns (R, m) observables of the simulator's runs of every test at (K,) sizes."""
+FINALISTS = 5
+"""Budget: best sets at which the simulator runs more often."""
+SECONDS, MOST = 5.0, 8
+"""Budget: declared time of all runs at the finalists [s], as far as it allows more runs of a test than the library has;
+most runs of a test, as many as there are nominal ones."""
+
+Simulate = Callable[[FloatArray, int], "list[FloatArray]"]
+"""Returns (R, m) observables of the simulator's runs of every test at (K,) sizes; 0 runs mean those of the library."""
 
 
 @dataclass(frozen=True)
@@ -132,12 +138,16 @@ class TestRuns:
         )
 
     def near(self, theta: FloatArray, rows: Sequence[FloatArray]) -> list[Observation]:
-        """Return the observations, corrected by (R, m) runs of every test at (K,) sizes."""
+        """Return the observations, corrected by (R, m) runs of every test at (K,) sizes.
+
+        As many runs as the library has of a response have its seeds. All begin with the seeds of the nominal runs.
+        """
         found = []
         for one, machine, scatter, real, own in zip(
             self.observations, self.machine, self.scatter, self.runs, rows, strict=True
         ):
-            correction = own.mean(axis=0) - one.response.reference
+            same = len(own) == replicates(one.response.experiment)
+            correction = own.mean(axis=0) - (one.response.reference if same else one.response.nominal)
             correction[one.kept] -= one.moved(theta)
             beyond = np.zeros_like(scatter)
             if len(own) > 1:
@@ -200,11 +210,14 @@ def predicted(
         return None
     responses = [one.response for one in data.observations]
 
-    def simulate(theta: FloatArray) -> list[FloatArray]:
-        return simulated_rows(backend, responses, library.values(theta), executor)
+    def simulate(theta: FloatArray, runs: int) -> list[FloatArray]:
+        return simulated_rows(backend, responses, library.values(theta), executor, runs)
 
     search = _Search(data, prior, simulate)
     search.run(proposed)
+    often = int(SECONDS / (max(float(backend.cost), 1e-4) * len(responses) * 2 * FINALISTS))
+    if min(often, MOST) > max(replicates(one.experiment) for one in responses):
+        search.run_finalists(min(often, MOST))
     posterior = weighted(search.found, prior)
     left = _left(data, search.before, search.found[posterior.sets[0]].energy)
     return Predicted(posterior, search.found, left)
@@ -229,6 +242,7 @@ class _Search:
     def __init__(self, data: TestRuns, prior: SizePrior, simulate: Simulate) -> None:
         self.data, self.prior, self.simulate = data, prior, simulate
         self.background = [_background(one) for one in data.observations]
+        self.runs = 0
         self.found: dict[Set, Candidate] = {}
         self.before = np.zeros(0)
         self.near: dict[Set, list[Observation]] = {}
@@ -256,13 +270,29 @@ class _Search:
                 break
         self.try_set((), self.found[()].theta, again=True)
         self.polish()
-        # A set and the ones without each of its causes are compared at runs near the same sizes.
+        self.close()
+
+    def close(self) -> None:
+        """Compare the best set and the ones without each of its causes at runs near the same sizes."""
         final = self.ranked()[0]
         for k in final:
             theta = self.found[final].theta.copy()
             theta[k] = np.clip(theta[k], -UNNAMED, UNNAMED)
             self.try_set(tuple(x for x in final if x != k), theta, again=True)
         self.compare(self.ranked()[0])
+
+    def run_finalists(self, runs: int) -> None:
+        """Compare the best sets again with so many runs of every test, which scatter less."""
+        first = self.found
+        best = dict.fromkeys([*self.ranked()[:FINALISTS], ()])
+        self.runs, self.found, self.near = runs, {}, {}
+        self.try_set((), np.zeros(self.prior.low.size))
+        self.before = energies(self.near[()], self.background, np.zeros(self.prior.low.size))
+        for members in best:
+            self.try_set(members, first[members].theta, again=True)
+            self.try_set(members, self.found[members].theta, again=True)
+        self.polish()
+        self.close()
 
     def polish(self) -> None:
         """Run the simulator at the estimate of the best set, as long as the tests are then predicted better."""
@@ -298,7 +328,7 @@ class _Search:
         if members in self.found and not again:
             return
         theta = np.clip(theta, self.prior.low, self.prior.high)
-        near = self.data.near(theta, self.simulate(theta))
+        near = self.data.near(theta, self.simulate(theta, self.runs))
         new = fitted(near, self.background, theta, self.prior, members)
         if members not in self.found or new.score.sum() > self.found[members].score.sum():
             self.found[members], self.near[members] = new, near

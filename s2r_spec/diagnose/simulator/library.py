@@ -339,11 +339,16 @@ def _scatter(moved: FloatArray, groups: Sequence[ObservableGroup]) -> FloatArray
 
 
 def simulated_rows(
-    backend: Backend, responses: Sequence[Response], values: Values, executor: ExecutorFactory | None = None
+    backend: Backend,
+    responses: Sequence[Response],
+    values: Values,
+    executor: ExecutorFactory | None = None,
+    runs: int = 0,
 ) -> list[FloatArray]:
-    """Return (runs, m) observables of every experiment with these effects, as those of its response and its seeds."""
+    """Return (runs, m) observables of every experiment with these effects; without a number, those of its response."""
     wanted = {
-        (one.experiment, Job.of(values, replicates(one.experiment))): (one.observables,) for one in responses
+        (one.experiment, Job.of(values, runs or replicates(one.experiment))): (one.observables,)
+        for one in responses
     }
     rows = dict(each(backend, vectors, wanted, executor, f"ran backend {backend.name!r} with {values}"))
     return [rows[key].astype(float) for key in wanted]
