@@ -138,6 +138,12 @@ class Observation:
         each = [f * c.at(float(x)) for f, c, x in zip(factors, self.curves, theta, strict=True)]
         return np.asarray(np.sum(each, axis=0))
 
+    def squares(self, theta: FloatArray) -> FloatArray:
+        """Return (n,) the sum of the squares of the responses at θ."""
+        factors = self.dependence.factors(theta)
+        each = [f * c.at(float(x)) for f, c, x in zip(factors, self.curves, theta, strict=True) if x]
+        return np.asarray(np.sum(np.square(each), axis=0) if each else np.zeros(self.observed.size))
+
     def residual(self, theta: FloatArray) -> FloatArray:
         """Return (n,) the residual at θ."""
         return self.observed - self.correction - self.moved(theta)

@@ -315,11 +315,17 @@ def fitted(
 def energies(
     observations: Sequence[Observation], background: Sequence[FloatArray], theta: FloatArray
 ) -> FloatArray:
-    """Return (G,) the mean square that (K,) sizes leave in each group, in units of scatter and background."""
-    each = zip(observations, background, strict=True)
-    squares = [one.residual(theta) ** 2 / (one.noise + small) for one, small in each]
-    pairs = zip(observations, squares, strict=True)
-    return np.array([float(square[places].mean()) for one, square in pairs for _, places in one.parts])
+    """Return (G,) the mean square that (K,) sizes leave in each group, in units of scatter, background and laws.
+
+    Laws of another author may leave the part ρ0 of every response, wherever in its group.
+    """
+    found = []
+    for one, small in zip(observations, background, strict=True):
+        square = one.residual(theta) ** 2
+        law = LAW_SHARE**2 * one.squares(theta)
+        known = one.noise + small
+        found += [float((square[own] / (known[own] + law[own].mean())).mean()) for _, own in one.parts]
+    return np.array(found)
 
 
 def weighted(candidates: Mapping[Set, Candidate], prior: SizePrior) -> ModelPosterior:

@@ -6,9 +6,9 @@ runs, for every channel j:
     x_{n+1,j} − x_{n,j} = β_jᵀ φ_{j,n} + e_{j,n}
 
 φ has a constant, and the samples of up to three channels at lags up to :data:`LAGS`: those that predict channel j best.
-The observables of a trace are the scores of β_j, in units in which they have the covariance 1 in nominal runs:
+The observables of a trace are its own changes of β_j, in units in which they have the covariance 1 in nominal runs:
 
-    z_j = (var(e_j) Σ_n φφᵀ)^{-1/2} Σ_n φ_{j,n} e_{j,n}
+    z_j = (G_0/var(e_j))^{1/2} G^{-1} Σ_n φ_{j,n} e_{j,n},   G = Σ_n φφᵀ of the trace, G_0 that of nominal runs
 
 A delay, a lag or a gain between a command and a motion moves them, however the controller reacts to it. They are nearly
 linear in its size. The mean motion of a closed loop is not, and scatters more.
@@ -17,7 +17,7 @@ White noise of variance v_i in the samples of channel i moves Σ φ e by −N v_
 
 Shapes: C columns of all channels, m_j observables of column j.
 Source: Ljung, *System Identification*, 2nd ed. (1999), §16.6 (errors and past inputs); Gallant & Tauchen, *Econometric
-Theory* 12 (1996) 657 (scores of a simple model as observables of a simulator).
+Theory* 12 (1996) 657 (a simple model's parameters as observables of a simulator).
 """
 
 from __future__ import annotations
@@ -41,6 +41,11 @@ GAIN = 0.03
 """Tolerance: least part of the error that a further channel removes."""
 RIDGE = 1e-9
 """Tolerance: regularisation, and the least eigenvalue of Σ φφᵀ that counts, as a part of the largest."""
+
+LEAST = 0.1
+"""Tolerance: excitation, as a part of that in nominal runs, below which a direction of β is not resolved."""
+WHOLE = 0.9
+"""Tolerance: part of the samples from which on a trace counts as whole."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,12 +169,6 @@ class Innovations:
             for j, (inputs, weights, whitening, error) in stored["each"].items()
         }
         return cls(stored["intervals"], np.array(stored["mean"]), np.array(stored["scale"]), predictors)
-
-
-LEAST = 0.1
-"""Tolerance: excitation of a direction, as a part of that in nominal runs, below which its parameter is not resolved."""
-WHOLE = 0.9
-"""Tolerance: part of the samples from which on a trace counts as whole."""
 
 
 def _rows(have: int, count: int) -> NDArray[np.int64]:

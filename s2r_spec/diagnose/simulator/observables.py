@@ -230,9 +230,8 @@ class Observables:
                 yield quantity, "flag", 2 * len(flags) * width
             if partners := self._partners(quantity):
                 yield quantity, "product", 3 * len(partners) * width
-            if self.innovations and not quantity.residual:
-                if size := self.innovations.sizes(self.columns(quantity)):
-                    yield quantity, "innovation", size
+            elif self.innovations and not quantity.residual:
+                yield quantity, "innovation", self.innovations.sizes(self.columns(quantity))
 
 
 def _quantities(samples: dict[str, FloatArray], units: dict[str, str]) -> Iterator[ObservedQuantity]:
