@@ -100,10 +100,12 @@ def evidence(effects=(A,), any_cause=0.99, **more):
         # A further cause that is needed, and is one of several, is no small matter.
         (evidence(held_out=far(1.0, 0.95), further=("b", "c")), Rule.RIVALS),
         (evidence((), 0.0, further=("b",)), Rule.NONE),
-        # A named effect that would make a gap where there is none is no cause of one.
-        (evidence(held_out=far(1.0, -39.0, size=0.05)), Rule.NONE),
+        # A named effect that would make a gap where there is none is no name of the cause.
+        (evidence((A,), 0.99, held_out=far(1.0, -39.0, size=0.05)), Rule.EITHER),
         (evidence((), 0.0), Rule.NONE),
-        (evidence((MAYBE,), 0.97, held_out=far(0.9, size=0.05)), Rule.NONE),
+        # A large effect is there, whether or not this requirement sees it.
+        (evidence((MAYBE,), 0.97, held_out=far(0.9, size=0.05)), Rule.EITHER),
+        (evidence((MAYBE,), 0.9, held_out=far(0.9, size=0.05)), Rule.NONE),
     ],
 )
 def test_the_first_rule_that_holds_decides(found, rule):

@@ -29,6 +29,7 @@ from s2r_spec.diagnose.inference.additivity import relative_errors
 from s2r_spec.diagnose.inference.hierarchical import DEGREES, LARGEST, LAW_SHARE, Groups
 from s2r_spec.diagnose.inference.prior import BACKGROUND, SizePrior
 from s2r_spec.diagnose.simulator.curve import ResponseCurve
+from s2r_spec.diagnose.simulator.observables import NEGLIGIBLE
 from s2r_spec.diagnose.simulator.response import Dependence, Response, replicates
 
 
@@ -103,7 +104,7 @@ class Observation:
             tuple(parts),
             (mean - response.nominal)[used],
             np.zeros(used.size),
-            tuple(replace(curve, values=curve.values[:, used]) for curve in curves),
+            _calibrated_responses(response, curves, used, parts),
             np.zeros((len(curves), used.size)),
             response.variants[:, used],
             np.full(len(parts), LAW_SHARE),
@@ -242,6 +243,38 @@ class Observation:
     def _layout(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Begin and size of every group."""
         return np.array([each[0] for each in self._places]), np.array([each.size for each in self._places])
+
+
+def _calibrated_responses(
+    response: Response,
+    curves: Sequence[ResponseCurve],
+    used: NDArray[np.int64],
+    parts: Sequence[tuple[tuple[str, str], NDArray[np.int64]]],
+) -> tuple[ResponseCurve, ...]:
+    """Return the responses in the observables that are used, without what is scatter of their runs."""
+    unit, number = np.sqrt(response.scatter[used] ** 2 + NEGLIGIBLE**2), replicates(response.experiment)
+    found = []
+    for curve, spread in zip(curves, response.spread[:, used] / number, strict=True):
+        values = curve.values[:, used].copy()
+        variance = np.outer(curve.coordinates**2, spread)
+        for _, places in parts:
+            values[:, places] *= share_of_signal(
+                values[:, places] / unit[places], variance[:, places] / unit[places] ** 2
+            )
+        found.append(replace(curve, values=values))
+    return tuple(found)
+
+
+def share_of_signal(measured: FloatArray, variance: FloatArray) -> float:
+    """Return the part of the energy of a measured response that is not noise of this variance.
+
+    A fit to a noisy response finds too small a size, and is too sure of it. Multiplied by this part, the response gives
+    the right size on average: positive-part James-Stein, as a calibrated regressor.
+
+    Source: Efron & Morris, *JASA* 68 (1973) 117; Carroll et al., *Measurement Error in Nonlinear Models* (2006), ch. 4.
+    """
+    energy = float((measured**2).sum())
+    return max(0.0, 1.0 - float(variance.sum()) / energy) if energy > 0.0 else 1.0
 
 
 def _repeats(response: Response, moved: NDArray[np.bool_]) -> set[str]:

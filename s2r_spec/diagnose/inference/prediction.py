@@ -336,6 +336,7 @@ def weighted(candidates: Mapping[Set, Candidate], prior: SizePrior) -> ModelPost
         [best.score + part_left(best, one) * (one.score - best.score) for one in candidates.values()]
     )
     odds = np.log(np.maximum(prior.probability, 1e-300)) - np.log1p(-prior.probability)
+    each = each[:, np.argsort(each.sum(axis=0), kind="stable")]  # so that the order of tests changes no draw
     rng = np.random.default_rng(np.random.SeedSequence(0))
     tests = each.shape[1]
     weights = tests * rng.dirichlet(np.ones(tests), DRAWS)

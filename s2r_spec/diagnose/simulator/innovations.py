@@ -114,6 +114,8 @@ class Innovations:
 
     def vector(self, x: FloatArray, times: FloatArray, duration: float, columns: slice) -> FloatArray:
         """Return the observables of some columns of (n, C) samples; NaN of a trace that is short or has few samples."""
+        if not self.sizes(columns):
+            return np.zeros(0)
         count = self.intervals + 1
         rows = np.searchsorted(times, np.linspace(0.0, duration, count) - 0.5 * duration / self.intervals)
         rows = np.unique(np.minimum(rows, len(times) - 1))
@@ -128,7 +130,7 @@ class Innovations:
             excited = own @ one.whitening.T
             gram = one.error * excited.T @ excited + LEAST * np.eye(len(score))
             found.append((1.0 + LEAST) * np.linalg.solve(gram, score))
-        return np.concatenate(found) if found else np.zeros(0)
+        return np.concatenate(found)
 
     def noise(self, variance: FloatArray, columns: slice) -> FloatArray:
         """Return the variance of the observables of some columns by white noise, (C,) in samples of the channels.

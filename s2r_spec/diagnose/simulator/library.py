@@ -20,7 +20,7 @@ from s2r_spec.diagnose.simulator.axes import EffectAxis, Values, effect_axes, ef
 from s2r_spec.diagnose.simulator.cache import Cache, source_of
 from s2r_spec.diagnose.simulator.curve import ResponseCurve, Turn
 from s2r_spec.diagnose.simulator.experiments import Experiment
-from s2r_spec.diagnose.simulator.observables import NEGLIGIBLE, ObservableGroup
+from s2r_spec.diagnose.simulator.observables import ObservableGroup
 from s2r_spec.diagnose.simulator.points import all_points, curved, most_visible, points_of, to_refine
 from s2r_spec.diagnose.simulator.response import Practice, Response, ResponseLibrary, replicates, values_at
 from s2r_spec.diagnose.simulator.runs import (
@@ -253,7 +253,6 @@ class _Design:
         nominal = np.vstack([rows[NOMINAL_PILOT], rows[NOMINAL_REST]]).astype(float)
         reference = nominal[: replicates(experiment)].mean(axis=0)
         curves, spread = [], np.zeros((len(self.parameters), reference.size))
-        unit = np.sqrt(np.nan_to_num(nominal.var(axis=0, ddof=1)) + NEGLIGIBLE**2)
         for k, axis in enumerate(self.parameters):
             before = nominal
             if axis.base:
@@ -262,7 +261,7 @@ class _Design:
                 at = first.coordinate(first.at_typical())
                 near = min(points_of(first), key=lambda c: abs(c - at))
                 before = rows[_point_job(experiment, first, near)]
-            points, scatter = {0.0: np.zeros_like(reference)}, []
+            points, scatter, squares = {0.0: np.zeros_like(reference)}, [], 0.0
             for coordinate in self.points[k]:
                 moved = rows[_point_job(experiment, axis, coordinate)].astype(float)
                 moved = moved - before[: len(moved)]
@@ -270,13 +269,12 @@ class _Design:
                     at = axis.coordinate(axis.value(coordinate))
                     points[at] = moved.mean(axis=0)
                     if len(moved) > 1:
-                        scatter.append(_scatter(moved, observables.groups) / at**2)
+                        scatter.append(_scatter(moved, observables.groups))
+                        squares += at**2
             order = sorted(points)
             kind = Turn if axis.is_phase else ResponseCurve
-            spread[k] = np.mean(scatter, axis=0) if scatter else 0.0
-            error = spread[k] / replicates(experiment)
-            shrunk = [shrunken(points[c], c**2 * error, unit, observables.groups) for c in order]
-            curves.append(kind(np.array(order), np.array(shrunk)))
+            curves.append(kind(np.array(order), np.array([points[c] for c in order])))
+            spread[k] = np.sum(scatter, axis=0) / squares if scatter else 0.0
         variants = [
             rows[Job.of({}, replicates(experiment), name)].mean(axis=0) - reference for name in self.variants
         ]
@@ -302,25 +300,6 @@ def _point_job(experiment: Experiment, axis: EffectAxis, coordinate: float) -> J
     return Job.of(
         axis.at(axis.value(coordinate)), 2 if coordinate in points_of(axis) else replicates(experiment)
     )
-
-
-def shrunken(
-    moved: FloatArray, variance: FloatArray, unit: FloatArray, groups: Sequence[ObservableGroup]
-) -> FloatArray:
-    """Return (m,) a response that was measured with (m,) errors of this variance, shrunken towards none in each group.
-
-    A fit to a noisy response finds too small a size, and is too sure of it. Shrunken by the part of its energy that is
-    not noise, in (m,) units, it gives the right size on average: positive-part James-Stein, as a calibrated regressor.
-
-    Source: Efron & Morris, *JASA* 68 (1973) 117; Carroll et al., *Measurement Error in Nonlinear Models* (2006), ch. 4.
-    """
-    result = moved.copy()
-    for group in groups:
-        part = slice(group.start, group.stop)
-        energy = np.nansum((moved[part] / unit[part]) ** 2)
-        noise = np.nansum(np.where(np.isfinite(moved[part]), variance[part], 0.0) / unit[part] ** 2)
-        result[part] *= max(0.0, 1.0 - noise / energy) if energy > 0.0 else 1.0
-    return result
 
 
 def _scatter(moved: FloatArray, groups: Sequence[ObservableGroup]) -> FloatArray:

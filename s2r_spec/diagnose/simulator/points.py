@@ -86,9 +86,10 @@ def curved(first: ResponseLibrary, tried: ResponseLibrary) -> frozenset[str]:
 def _noise(first: Response, tried: Response, k: int) -> tuple[FloatArray, FloatArray]:
     """Return (m,) the variance of a mean response for a coordinate of 1, at the first points and at all others.
 
-    The variances of runs are means over points, so those of the other points follow from both.
+    Variances for a coordinate of 1 are sums over points by sums of squared coordinates, so those of the other points
+    follow from both.
     """
-    few, many = (one.curves[k].coordinates.size - 1 for one in (first, tried))
+    few, many = (float((one.curves[k].coordinates ** 2).sum()) for one in (first, tried))
     near = first.spread[k]
     other = near if many == few else np.maximum(many * tried.spread[k] - few * near, 0.0) / (many - few)
     return near / 2.0, other / replicates(first.experiment)

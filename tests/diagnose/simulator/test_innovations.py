@@ -1,0 +1,95 @@
+"""Errors of one-step predictions: what they show of a machine, and what they do not."""
+
+import numpy as np
+import pytest
+
+from s2r_spec.diagnose.simulator.innovations import LAGS, Innovations
+
+N, GAIN = 500, 0.1
+TIMES = np.arange(N + 1.0)
+POSITION, COMMAND = slice(0, 1), slice(1, 2)
+
+
+def loop(seed, feedback=0.3, gain=GAIN, delay=0, noise=0.02):
+    """Return (N + 1, 2) position and command of a cart that follows a random target."""
+    rng = np.random.default_rng(seed)
+    target = np.repeat(rng.normal(size=N // 20 + 1), 20)
+    x, u = np.zeros(N + 1), np.zeros(N + 1)
+    for n in range(N + 1):
+        u[n] = feedback * (target[n] - x[n])
+        if n < N:
+            x[n + 1] = x[n] + gain * u[max(n - delay, 0)] + noise * rng.normal()
+    return np.column_stack([x, u])
+
+
+@pytest.fixture(scope="module")
+def nominal():
+    return Innovations.of_nominal([loop(seed) for seed in range(8)])
+
+
+def mean(innovations, columns=POSITION, runs=16, **machine):
+    each = [innovations.vector(loop(100 + k, **machine), TIMES, float(N), columns) for k in range(runs)]
+    return np.mean(each, axis=0), np.array(each)
+
+
+def test_runs_of_the_nominal_machine_have_mean_0_and_covariance_1(nominal):
+    average, each = mean(nominal, runs=60)
+    assert np.abs(average).max() < 4.0 / np.sqrt(60) + 0.5
+    assert np.var(each, axis=0).mean() == pytest.approx(1.0, abs=0.35)
+
+
+def test_a_delay_and_a_gain_show_far_beyond_the_scatter(nominal):
+    healthy, delayed, weak = (mean(nominal, **own)[0] for own in ({}, {"delay": 2}, {"gain": 0.8 * GAIN}))
+    assert np.linalg.norm(delayed - healthy) > 5.0
+    assert np.linalg.norm(weak - healthy) > 5.0
+    cosine = (delayed - healthy) @ (weak - healthy)
+    assert abs(cosine) < 0.9 * np.linalg.norm(delayed - healthy) * np.linalg.norm(weak - healthy)
+
+
+def test_another_controller_does_not_show_in_the_motion_that_it_commands(nominal):
+    healthy, other, weak = (mean(nominal, **own)[0] for own in ({}, {"feedback": 0.4}, {"gain": 0.8 * GAIN}))
+    assert np.linalg.norm(other - healthy) < 0.3 * np.linalg.norm(weak - healthy)
+
+
+def test_an_effect_of_half_the_size_shows_half_as_much(nominal):
+    healthy, half, whole = (mean(nominal, gain=GAIN * factor)[0] for factor in (1.0, 0.8, 0.6))
+    assert half - healthy == pytest.approx(0.5 * (whole - healthy), abs=0.15 * np.abs(whole - healthy).max())
+
+
+def test_noise_of_instruments_is_accounted_for(nominal):
+    rng = np.random.default_rng(5)
+    runs = [loop(200 + k) for k in range(24)]
+    sigma = np.array([0.01, 0.0])
+    clean, noisy = (
+        np.array([nominal.vector(x, TIMES, float(N), POSITION) for x in own])
+        for own in (runs, [x + sigma * rng.normal(size=x.shape) for x in runs])
+    )
+    shift = (noisy - clean).mean(axis=0)
+    expected = nominal.noise(sigma**2, POSITION)
+    assert (shift**2 + (noisy - clean).var(axis=0)).mean() == pytest.approx(expected.mean(), rel=0.6)
+    assert nominal.noise(np.zeros(2), POSITION) == pytest.approx(np.zeros(expected.size))
+
+
+def test_a_short_trace_and_one_of_few_samples_show_nothing(nominal):
+    x = loop(0)
+    assert np.isnan(nominal.vector(x[: N // 2], TIMES[: N // 2], float(N), POSITION)).all()
+    assert np.isnan(nominal.vector(x[::3], TIMES[::3], float(N), POSITION)).all()
+    assert np.isfinite(nominal.vector(x, TIMES + 7.0 - 7.0, float(N), POSITION)).all()
+
+
+def test_it_is_read_as_it_was_written(nominal):
+    again = Innovations.from_json(nominal.to_json())
+    x = loop(3)
+    for columns in (POSITION, COMMAND):
+        assert again.vector(x, TIMES, float(N), columns) == pytest.approx(
+            nominal.vector(x, TIMES, float(N), columns)
+        )
+        assert again.sizes(columns) == nominal.sizes(columns)
+
+
+def test_a_column_that_never_changes_and_a_trace_of_few_samples_have_none():
+    constant = np.column_stack([loop(1)[:, 0], np.ones(N + 1)])
+    assert Innovations.of_nominal([constant]).sizes(COMMAND) == 0
+    few = Innovations.of_nominal([loop(1)[: LAGS[-1]]])
+    assert few.sizes(POSITION) == 0
+    assert few.vector(loop(1)[: LAGS[-1]], TIMES[: LAGS[-1]], float(LAGS[-1]), POSITION).size == 0
