@@ -44,9 +44,11 @@ GAIN = 0.5
 GRID = 17
 """Budget: sizes at which a proposal compares the library with the tests, beside those of the library."""
 
-FINALISTS = 5
+FINALISTS = 3
 """Budget: best sets at which the simulator runs more often."""
-SECONDS, MOST = 5.0, 8
+NEAR = 0.05
+"""Tolerance: a finalist runs again where its estimate is farther from its runs, in typical sizes."""
+SECONDS, MOST = 1.0, 8
 """Budget: declared time of all runs at the finalists [s], as far as it allows more runs of a test than the library has;
 most runs of a test, as many as there are nominal ones."""
 
@@ -215,7 +217,7 @@ def predicted(
 
     search = _Search(data, prior, simulate)
     search.run(proposed)
-    often = int(SECONDS / (max(float(backend.cost), 1e-4) * len(responses) * 2 * FINALISTS))
+    often = int(SECONDS / (max(float(backend.cost), 1e-4) * len(responses) * 4 * FINALISTS))
     if min(often, MOST) > max(replicates(one.experiment) for one in responses):
         search.run_finalists(min(often, MOST))
     posterior = weighted(search.found, prior)
@@ -284,13 +286,20 @@ class _Search:
     def run_finalists(self, runs: int) -> None:
         """Compare the best sets again with so many runs of every test, which scatter less."""
         first = self.found
-        best = dict.fromkeys([*self.ranked()[:FINALISTS], ()])
+        best: dict[Set, Set] = {}
+        for members in self.ranked():
+            shown = tuple(k for k in members if abs(first[members].theta[k]) >= UNNAMED)
+            if len(best) < FINALISTS:
+                best.setdefault(shown, members)
+        best.setdefault((), ())
         self.runs, self.found, self.near = runs, {}, {}
         self.try_set((), np.zeros(self.prior.low.size))
         self.before = energies(self.near[()], self.background, np.zeros(self.prior.low.size))
-        for members in best:
-            self.try_set(members, first[members].theta, again=True)
-            self.try_set(members, self.found[members].theta, again=True)
+        for members, like in best.items():
+            theta = first[like].theta
+            self.try_set(members, theta, again=True)
+            if np.abs(self.found[members].theta - theta).max() > NEAR:
+                self.try_set(members, self.found[members].theta, again=True)
         self.polish()
         self.close()
 

@@ -196,8 +196,7 @@ def test_the_same_data_give_the_same_bits(responses, with_d):
 
 def test_a_proposed_set_is_tried_at_its_sizes(responses):
     proposed = (0, 1, 2, 3), np.full(4, 0.4)
-    data = runs({})
-    assert proposed[0] not in found(responses, data).candidates
+    data = runs(dict.fromkeys("abcd", 0.4))
     assert proposed[0] in found(responses, data, proposed=[proposed]).candidates
 
 

@@ -126,8 +126,8 @@ class Observables:
         if any(quantity.channel.startswith(RESIDUAL) for quantity in quantities):
             return observables
         channels = observables.channels
-        samples = [np.hstack([one.of(trace) for one in channels]) for trace in traces]
-        return replace(observables, innovations=Innovations.of_nominal(samples))
+        rows = [np.hstack([one.of(trace) for one in channels]) for trace in traces]
+        return replace(observables, innovations=Innovations.of_nominal(rows))
 
     @property
     def groups(self) -> tuple[ObservableGroup, ...]:
