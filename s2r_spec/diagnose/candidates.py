@@ -232,10 +232,8 @@ def _left(data: TestRuns, nominal: FloatArray, best: FloatArray) -> Prediction:
     each = {name: np.array([own == name for own in names]) for name in dict.fromkeys(names)}
     before, after = ([float(one[own].mean()) for own in each.values()] for one in (nominal, best))
     number = np.array([size[own].sum() for own in each.values()])
-    excess, rest = (np.maximum(np.array(x) - 1.0, 0.0) for x in (before, after))
-    weight = number * excess / np.maximum(before, 1.0)
-    left = float((weight * rest / np.maximum(excess, 1e-9)).sum() / max(weight.sum(), 1e-9))
-    return Prediction(len(data.runs), float(weight.sum() / number.sum()), left)
+    misfit, rest = (float(number @ np.log(np.maximum(one, 1.0))) for one in (before, after))
+    return Prediction(len(data.runs), misfit / float(number.sum()), rest / misfit if misfit else 0.0)
 
 
 class _Search:

@@ -6,7 +6,7 @@ the posterior mean of all. The better one counts. The first rule that holds deci
 
 | rule | condition | verdict |
 | --- | --- | --- |
-| LEFT | a misfit shows, and the most probable set leaves over a quarter of what it explains | none of these |
+| LEFT | a misfit shows, and the most probable set leaves over a quarter of it | none of these |
 | REMAINDER | the gap shows, some motion no effect explains, and named effects close less than 80 % | none of these |
 | MISFIT | the misfit is an alarm; a gap is not closed, or was not measured and something is named | none of these |
 | STAYS | surely not all is closed, and less than half with an effect named, else less than 80 % | none of these |

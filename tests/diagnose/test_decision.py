@@ -92,7 +92,7 @@ def evidence(effects=(A,), any_cause=0.99, **more):
         (evidence(findings=(SAME, CLOCK)), Rule.MISTAKE),
         (evidence(findings=(SPIKE,)), Rule.EFFECT),
         (evidence((), 0.0, findings=(CLOCK,)), Rule.NONE),
-        # A set that leaves more than a quarter of what it explains is rejected by size, where a misfit shows at all.
+        # A set that leaves more than a quarter of the misfit is rejected by size, where a misfit shows at all.
         (evidence(held_out=far(1.0, 0.95), prediction=EXPLAINED), Rule.EFFECT),
         (evidence(held_out=far(1.0, 0.95), prediction=UNEXPLAINED), Rule.LEFT),
         (evidence((), 0.0, materiality=NOWHERE, prediction=UNEXPLAINED), Rule.LEFT),
