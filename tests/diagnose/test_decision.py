@@ -38,7 +38,7 @@ def far(tuned, named=None, size=1.0, seen=None):
 
 WORST = Misfit(Experiment("chirp"), "q", "bin", "FR calf", 0.2, 0.4)
 ALARM, FITS = (GoodnessOfFit(p, 0.05, WORST) for p in (0.001, 0.4))
-EXPLAINED, UNEXPLAINED, SMALL = (Prediction(10, *each) for each in ((0.5, 0.1), (0.5, 0.21), (0.05, 0.9)))
+EXPLAINED, UNEXPLAINED, SMALL = (Prediction(10, *each) for each in ((0.5, 0.1), (0.5, 0.26), (0.05, 0.9)))
 PUSH = Remainder("force", 0, "", "q", 0.1, 0.12, 25.0, "N", "m", 1.4)
 CLOCK = Finding("late", "x", "x comes late", "a wrong clock")
 SAME = replace(CLOCK, same=True)

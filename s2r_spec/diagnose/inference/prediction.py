@@ -14,18 +14,24 @@ Score of a set, with θ and s_g from all tests but t:
 
     ℓ_t(A) = Σ_g log p(y_tg | y_−t, A),   a Student's t of N_g numbers, scale s_g u_tg, ν + Σ_{t' ≠ t} N_g degrees
 
-The probability of a set is its mean weight ∝ P(A) exp Σ_t w_t ℓ_t(A) over Bayesian bootstrap weights w of the tests.
-So a set that one test alone prefers, or that tests disagree about, is not sure. One test of another motion, such as one
-with a gust, can still hide an effect: it makes s_g large in all others.
+Left-out tests do not show an error of the laws, which is the same in all of them. An effect j whose law is off by the
+part ρ0 changes the score along effect k by up to ρ0 θ_j O_jk, O_jk = Σ_g (J_g,jj J_g,kk)^½, with the information J_g of
+a group. So of the difference of the scores of two sets, a step D of sizes apart, the part 1/(1 + Q_D/J_D) counts:
+
+    J_D = Σ_g J_g,DD,   Q_D = ρ0² Σ_k θ_k² (Σ_g (J_g,DD J_g,kk)^½)²
+
+θ and J_g are those of the better set, but J is not more than the scores have along D. The probability of a set is its
+mean weight ∝ P(A) exp Σ_t w_t ℓ_t(A) over Bayesian bootstrap weights w of the tests. So a set that one test alone
+prefers, or that tests disagree about, is not sure. One test of another motion, such as one with a gust, can still hide
+an effect: it makes s_g large in all others.
 
 Within a set, θ has the covariance of the fit and three errors that more tests do not lower:
 
-    Σ_A + diag(jackknife_k + σ_c² + ρ0² Σ_j θ_j² (J_kj/J_kk)²)
+    Σ_A + diag(jackknife_k + σ_c² + ρ0² Σ_j θ_j² (O_jk/J_kk)²)
 
 The jackknife leaves out one group in all tests at a time: it grows where quantities disagree about a size, since the
 machine's law is another one. σ_c and ρ0 are the errors of laws of another author (:mod:`.hierarchical`), which leave no
-residual. An effect j whose law is off by the part ρ0 looks like the amount ρ0 θ_j J_kj/J_kk of an effect k, with the
-information J of all tests.
+residual.
 
 Units: θ in typical sizes; s dimensionless; ℓ in nats. Shapes: T tests, G groups of all tests, K parameters.
 Source: Vehtari, Gelman & Gabry, *Statistics and Computing* 27 (2017) 1413 (leave-one-out); Yao, Vehtari, Simpson &
@@ -68,8 +74,8 @@ FIRST = 0.7
 QUARTER = 0.25
 """Level: part of the misfit that is left, from which on a set is rejected."""
 SHOWS = 0.1
-"""Level: mean logarithm of mean squares from which on a misfit shows. Chosen on machines of `benchmarks/blind/development.py`,
-which are therefore validation: with less, what a set leaves is scatter."""
+"""Level: mean logarithm of mean squares from which on a misfit shows: with less, what a set leaves is scatter. Chosen
+on machines of `benchmarks/blind/development.py`, which are therefore validation."""
 
 
 @dataclass(frozen=True)
