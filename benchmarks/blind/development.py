@@ -50,6 +50,8 @@ BLOCK = 20
 """Definition: cases that have the mixture's shares of kinds; sets of more have several such blocks."""
 MUST, MUST_NOT = 0.25, 0.125
 """Definition: size, in typical sizes, from which on an effect must be named, and below which it must not be."""
+SETTLED = ("named", "no material gap")
+"""Definition: the verdicts with exit code 0."""
 RESULTS = HERE / "results"
 
 Label = Mapping[str, Any]
@@ -203,6 +205,24 @@ class Scored:
         return must <= self.named <= may
 
     @property
+    def missed(self) -> frozenset[str]:
+        """The effects that must be named, and are not."""
+        return frozenset(effect for effect, size in self.sizes.items() if abs(size) >= MUST) - self.named
+
+    @property
+    def false(self) -> frozenset[str]:
+        """The effects that must not be named, and are; of an unknown cause, all names."""
+        if self.kind == "unknown":
+            return self.named
+        return self.named - {effect for effect, size in self.sizes.items() if abs(size) >= MUST_NOT}
+
+    @property
+    def surely_wrong(self) -> bool:
+        """Whether the exit code is 0, although something large is missing or false."""
+        missed = self.missed if self.kind != "unknown" else frozenset()
+        return self.answer["verdict"] in SETTLED and bool(missed or self.false)
+
+    @property
     def estimates(self) -> dict[str, tuple[float, float, float, float]]:
         """Effect → true size, estimate, and both ends of its interval; older answers lack effects without a name."""
         found, out = self.answer["which"]["parameters"], {}
@@ -266,6 +286,7 @@ def scores(cases: Sequence[Scored]) -> dict[str, Any]:
         errors.setdefault(effect, []).append(estimate - size)
     rms = {effect: float(np.sqrt(np.mean(np.square(each)))) for effect, each in errors.items()}
     inside = [low - 1e-9 <= size <= high + 1e-9 for _, size, _, low, high in estimates]
+    large = [is_in for is_in, (_, size, *_) in zip(inside, estimates, strict=True) if abs(size) >= MUST]
     seconds = [one.answer["seconds"] for one in cases if "seconds" in one.answer]
     return {
         "cases": len(cases),
@@ -282,6 +303,9 @@ def scores(cases: Sequence[Scored]) -> dict[str, Any]:
         "right by size, known and healthy": _share(closed, lambda one: one.by_size),
         "must be named, and are": _effects(closed, lambda size: size >= MUST, True),
         "must not be named, and are not": _effects(closed, lambda size: size < MUST_NOT, False),
+        "machines with a false name": _share(cases, lambda one: bool(one.false)),
+        "exit 0, and something large is missing or false": _share(cases, lambda one: one.surely_wrong),
+        "large sizes in the 90 % interval": f"{sum(large)} of {len(large)}",
         "log score, known and healthy": _mean([one.log_score for one in closed]),
         "size error, rms, median over effects": _rounded(np.median(list(rms.values())) if rms else None),
         "size error, rms, worst effect": _rounded(max(rms.values(), default=None)),

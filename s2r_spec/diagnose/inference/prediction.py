@@ -160,11 +160,10 @@ class Tests:
             scales, free = self.scales(used, step)
         return step, scales, free
 
-    def left_out(self, prior: SetPrior) -> FloatArray:
-        """Return (T,) ℓ_t."""
+    def left_out(self, prior: SetPrior, scales: FloatArray) -> FloatArray:
+        """Return (T,) ℓ_t, from (kinds,) scales of all tests."""
         from scipy.special import gammaln
 
-        _, scales, _ = self.fitted(np.ones(self.test.size, dtype=bool), prior)
         found = []
         for t in range(int(self.test.max()) + 1):
             own = self.test == t
@@ -176,21 +175,18 @@ class Tests:
             found.append(float(density.sum()))
         return np.array(found)
 
-    def information(self, prior: SetPrior) -> FloatArray:
-        """Return (G, K, K) every group's information about the sizes."""
-        _, scales, _ = self.fitted(np.ones(self.test.size, dtype=bool), prior)
+    def information(self, scales: FloatArray) -> FloatArray:
+        """Return (G, K, K) every group's information about the sizes, under (kinds,) scales."""
         weight = self.groups.size / scales[self.kind]
         effects = self.theta.size
         return np.asarray(weight[:, None, None] * self.groups.gram[:, :effects, :effects])
 
-    def variance(self, prior: SetPrior) -> FloatArray:
+    def variance(self, prior: SetPrior, step: FloatArray, scales: FloatArray) -> FloatArray:
         """Return (K,) the variance of every size: of the fit, by the jackknife over groups, and by other laws."""
-        every = np.ones(self.test.size, dtype=bool)
-        step, scales, _ = self.fitted(every, prior)
         effects = self.theta.size
         weight = self.groups.size / scales[self.kind]
         precision = np.tensordot(weight, self.groups.gram, 1)
-        law = law_variances(self.information(prior), self.theta + step[:effects])
+        law = law_variances(self.information(scales), self.theta + step[:effects])
         precision[range(effects), range(effects)] += prior.precision
         precision[range(effects, len(precision)), range(effects, len(precision))] += 1.0
         fit = np.diag(np.linalg.inv(precision))[:effects]
@@ -314,8 +310,9 @@ def fitted(
             break
     tests = Tests.of(observations, theta)
     energy = energies(observations, background, theta)
-    deviation = np.sqrt(tests.variance(own))
-    return Candidate(members, theta, deviation, tests.left_out(own), energy, tests.information(own))
+    step, scales, _ = tests.fitted(np.ones(tests.test.size, dtype=bool), own)
+    deviation, score = np.sqrt(tests.variance(own, step, scales)), tests.left_out(own, scales)
+    return Candidate(members, theta, deviation, score, energy, tests.information(scales))
 
 
 def energies(
