@@ -51,18 +51,18 @@ def steer(x: float, y: float, ox: float, oy: float, robot: Constants) -> tuple[f
     barrier h = |p − o|² − keep² satisfies ḣ ≥ −decay h. This quadratic program has one constraint, and a projection on
     its half-plane solves it.
     """
-    gx, gy = robot.goal[0] - x, robot.goal[1] - y
-    distance = hypot(gx, gy)
-    pull = robot.speed * tanh(distance / robot.reach) / max(distance, 1e-9)
-    dx, dy = x - ox, y - oy
-    square = max(dx * dx + dy * dy, 1e-9)
-    barrier = square - robot.keep**2
-    (sx, sy), (ex, ey) = robot.start, robot.goal
+    (sx, sy), (ex, ey), keep = robot.start, robot.goal, robot.keep
+    gx, gy, dx, dy = ex - x, ey - y, x - ox, y - oy
+    distance, square = hypot(gx, gy) or 1e-9, dx * dx + dy * dy or 1e-9
+    pull = robot.speed * tanh(distance / robot.reach) / distance
     side = 1.0 if (ex - sx) * (oy - sy) >= (ey - sy) * (ox - sx) else -1.0
-    turn = side * robot.speed * robot.swirl * exp(-square / robot.keep**2) / robot.keep
+    turn = side * robot.speed * robot.swirl * exp(-square / keep**2) / keep
     ux, uy = pull * gx - turn * dy, pull * gy + turn * dx
-    lacking = max(0.0, -robot.decay * barrier - 2 * (dx * ux + dy * uy)) / (2 * square)
-    return ux + lacking * dx, uy + lacking * dy
+    lacking = -robot.decay * (square - keep**2) - 2 * (dx * ux + dy * uy)
+    if lacking <= 0.0:
+        return ux, uy
+    share = lacking / (2 * square)
+    return ux + share * dx, uy + share * dy
 
 
 def command(pose: tuple[float, ...], ox: float, oy: float, robot: Constants) -> tuple[float, float]:

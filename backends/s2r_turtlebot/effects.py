@@ -64,13 +64,15 @@ class Physics:
         keep = exp(-step / self.lag) if self.lag else 0.0
         speed = rate = 0.0
 
+        radius, uneven, axle, slip = self.radius, self.uneven, self.axle, self.slip
+
         def body(v: float, w: float) -> tuple[float, float]:
             nonlocal speed, rate
             v, w = self._limited(*arrived(v, w))
             speed, rate = v + keep * (speed - v), w + keep * (rate - w)
-            v, w = self.radius * speed, self.radius * rate
-            v, w = v + self.uneven * w * _AXLE / 2, w + self.uneven * v * 2 / _AXLE
-            return v, w / self.axle / (1 + self.slip * abs(v))
+            v, w = radius * speed, radius * rate
+            v, w = v + uneven * w * _AXLE / 2, w + uneven * v * 2 / _AXLE
+            return v, w / axle / (1 + slip * abs(v))
 
         return body
 
@@ -80,6 +82,8 @@ class Physics:
         A command is held for a tick. If two apply within one tick, the result is their mean, weighted by their times.
         With a jitter every tick has a delay of its own, so that the mean delay stays as it is.
         """
+        if not self.delay:
+            return ideal
         # A stream of its own leaves the slip of a rollout as it is.
         random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1,)))
         sent = [(0.0, 0.0)]
@@ -88,15 +92,15 @@ class Physics:
             sent.append((v, w))
             delay = self.delay * max(0.0, 1 + self.jitter * random.normal()) if self.jitter else self.delay
             ticks, share = divmod(delay / step, 1)
-            (v1, w1), (v0, w0) = (sent[max(0, len(sent) - int(ticks) - k)] for k in (2, 1))
+            last = len(sent) - 1 - int(ticks)
+            (v1, w1), (v0, w0) = sent[max(0, last - 1)], sent[max(0, last)]
             return v0 + share * (v1 - v0), w0 + share * (w1 - w0)
 
         return arrived
 
     def _limited(self, v: float, w: float) -> tuple[float, float]:
         """Return the speed and the turning rate that the fastest wheel allows."""
-        fastest = abs(v) + abs(w) * _AXLE / 2
-        if self.speed >= 1.0 or fastest <= self.speed:
+        if self.speed >= 1.0 or (fastest := abs(v) + abs(w) * _AXLE / 2) <= self.speed:
             return v, w
         left, right = (min(max(v + side * w * _AXLE / 2, -self.speed), self.speed) for side in (-1, 1))
         v, w = self.speed / fastest * v, self.speed / fastest * w

@@ -66,8 +66,11 @@ def replacing(path: Path) -> Iterator[Path]:
     Raises:
         OSError: the file cannot be written. Its old content remains, and the temporary file is removed.
     """
-    target = Path(os.path.realpath(path))
-    before = target.stat() if target.exists() else None
+    target = Path(os.path.realpath(path) if os.path.islink(path) else os.path.abspath(path))
+    try:
+        before = target.stat()
+    except OSError:
+        before = None
     if before is not None and not stat.S_ISREG(before.st_mode):
         yield path
         return

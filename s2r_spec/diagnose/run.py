@@ -34,7 +34,7 @@ from s2r_spec.diagnose.data.split import TrainHeldOut, split
 from s2r_spec.diagnose.decision import Evidence
 from s2r_spec.diagnose.diagnosis import Diagnosis, Which
 from s2r_spec.diagnose.estimation import Estimate, estimate, further_effects
-from s2r_spec.diagnose.experiment_design.identifiability import Candidate, separations
+from s2r_spec.diagnose.experiment_design.identifiability import Candidate, InformationForecast, separations
 from s2r_spec.diagnose.experiment_design.next_test import next_test
 from s2r_spec.diagnose.falls import falls, falls_alone
 from s2r_spec.diagnose.gap.held_out import held_out_gap
@@ -268,7 +268,7 @@ def _campaign(
         current = estimate(bench.backend, responses, train.by_experiment(bench), corrections=0)
         if not with_status(_sizes(work, current), Status.POSSIBLE):
             return None
-        best = next_test(current, before.candidates(bench, train, dropped))
+        best = next_test(InformationForecast.of(current), before.candidates(bench, train, dropped))
         return None if best is None else best.candidate.experiment
 
     progress = partial(work.tell, "real rollouts")
@@ -341,7 +341,7 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
     sizes = _sizes(work, fitted)
     tuned = data.responses.values(mean_sizes(fitted.posterior))
     patch = {one.effect: one.values for one in with_status(sizes, Status.NAMED)}
-    candidates = data.candidates(bench, parts.train)
+    forecast, candidates = InformationForecast.of(fitted), data.candidates(bench, parts.train)
     columns = {channel.name: channel.columns for channel in bench.backend.channels}
     tell("gap before and after", 0, 0)
     at_tests = compared_at_all_tests(bench, tests, nominal) if tests else None
@@ -350,14 +350,14 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
         any_cause(fitted.posterior),
         further_effects(fitted, patch),
         fitted.predicted.prediction if fitted.predicted else None,
-        separations(fitted, [one.effect for one in with_status(sizes, Status.POSSIBLE)], candidates),
+        separations(forecast, [one.effect for one in with_status(sizes, Status.POSSIBLE)], candidates),
         held_out_gap(bench, parts.held_out, parts.train.tests, patch, tuned, nominal, at_tests),
         at_tests,
         goodness=None if fitted.predicted else goodness_of_fit(fitted.problem, fitted.fit, columns=columns),
         left=remainders(work.counted("unexplained motion"), axes, used, tuned, seed, patch),
         findings=odd,
     )
-    upcoming = next_test(fitted, candidates) if with_status(sizes, Status.POSSIBLE) else None
+    upcoming = next_test(forecast, candidates) if with_status(sizes, Status.POSSIBLE) else None
     lacking = notes(bench, tests, parts, data.responses.idle, why, odd, alone)
     return Diagnosis(
         Which(evidence, by_effects(fitted.posterior, axes), upcoming),

@@ -194,7 +194,7 @@ class Reading:
 
     def needs(self, formula: f.Formula) -> float:
         """Return the time after an instant that a trace must last to decide a formula there [s]."""
-        return seconds_needed(formula, self.period or 0.0)
+        return seconds_needed(formula, self.period or 0.0, 0.0)
 
     def complete(self, formula: f.Formula) -> BoolArray:
         """Return (n,): whether the trace reaches the formula's horizon from each sample, to within one median period.
@@ -207,7 +207,7 @@ class Reading:
         if self.interpolation != "samples":
             return np.asarray(self.times + self.needs(formula) <= self.times[-1] + self.snap)
         at, snap = self.clock.times, max(self.clock.snap, SNAP * self.period)
-        needs = seconds_needed(formula, self.period, slack=2 * snap)
+        needs = seconds_needed(formula, self.period, 2 * snap)
         return np.asarray(at + needs <= at[-1] + self.period - snap)
 
     def complete_at_first_sample(self, formula: f.Formula) -> bool:
@@ -215,7 +215,7 @@ class Reading:
         if self.period is None or self.interpolation != "samples" or not isinstance(self.clock, Grid):
             return bool(self.complete(formula)[0])
         snap = max(self.clock.snap, SNAP * self.period)
-        needs = seconds_needed(formula, self.period, slack=2 * snap)
+        needs = seconds_needed(formula, self.period, 2 * snap)
         last = float(np.float64(self.clock.count - 1) * self.clock.step)
         return needs <= last + self.period - snap
 

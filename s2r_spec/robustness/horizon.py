@@ -50,7 +50,8 @@ def samples_read(formula: f.Formula, period: Fraction | None) -> float:
     return _reach(formula, ends, 1.0)
 
 
-def seconds_needed(formula: f.Formula, step: float, slack: float = 0.0) -> float:
+@once
+def seconds_needed(formula: f.Formula, step: float, slack: float) -> float:
     """Return the time after an instant that a trace must last to decide a formula there [s].
 
     Like :func:`samples_needed`, but in time. An unbounded window needs only its beginning.

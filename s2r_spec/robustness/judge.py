@@ -177,7 +177,7 @@ class Judge:
         """Return the verdict on a formula whose time bounds are numbers; ``partial`` cuts windows at the end."""
         start, end, silent = self.start, self.end, any(self.silences.values())
         lower, upper = bounds_at_start(formula, self.bounds(start, end).walk(), self.snap)
-        complete = seconds_needed(formula, 0.0) <= end - start + self.snap
+        complete = seconds_needed(formula, 0.0, 0.0) <= end - start + self.snap
         unseen = sorted(self._unseen(start) & edge_signals(formula))
         satisfied = lower > 0 if lower > 0 or upper < 0 or not (silent or unseen) else None
         reason = "" if satisfied is not None else self._silent() or self._first(unseen)
@@ -214,7 +214,7 @@ class Judge:
     def evaluate(self, formula: f.Formula, requirement: str, unit: str, end: End) -> Evaluation:
         """Return ρ along the window, its lower bound where there are two; for ``end`` see :meth:`Spec.evaluate`."""
         start, until = self.start, self.end
-        needs = seconds_needed(formula, 0.0)
+        needs = seconds_needed(formula, 0.0, 0.0)
         stamps = union(stream.messages for stream in self.streams.values())
         times = np.union1d(stamps[(stamps > start) & (stamps <= until)], start)
         complete = times + needs <= until + self.snap
@@ -278,7 +278,7 @@ class Judge:
             since = f"{verb} from {self._time(self.start)} on, where {self._last_to_begin()} begins"
             starts[begin] = f"{since}, but messages before"
         for start, why in starts.items():
-            end = max(self.until, start + seconds_needed(formula, 0.0))
+            end = max(self.until, start + seconds_needed(formula, 0.0, 0.0))
             lower, upper = bounds_at_start(formula, self.bounds(start, end).walk(), snap_of(start, end))
             if (satisfied and upper < 0) or (not satisfied and lower > 0):
                 return f"{why} {other} it"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -15,12 +15,12 @@ from s2r_spec.trace import Trace
 
 
 @contextmanager
-def naming_errors(what: str, remedy: str = "") -> Iterator[None]:
-    """Turn an error of the disk into a JournalError."""
+def naming_errors(what: str, remedy: Callable[[], str] = str) -> Iterator[None]:
+    """Turn an error of the disk into a JournalError; the remedy is asked for only then."""
     try:
         yield
     except OSError as error:
-        raise JournalError(f"cannot {what}: {error.strerror or error}{remedy}") from error
+        raise JournalError(f"cannot {what}: {error.strerror or error}{remedy()}") from error
 
 
 def checksum(path: Path) -> str:

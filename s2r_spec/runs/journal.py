@@ -352,7 +352,10 @@ class Journal:
         self, rollout: str, values: Mapping[str, Any], trace: Trace | None = None, name: str = ""
     ) -> str | None:
         """Write a trace to the file ``name`` of the folder, then a line; return the checksum of the file."""
-        kept = f"; all earlier rollouts are kept, go on with --resume {run_of(self.folder, self.header)}"
+
+        def kept() -> str:
+            return f"; all earlier rollouts are kept, go on with --resume {run_of(self.folder, self.header)}"
+
         trace_sum = None
         with disk.naming_errors(f"write to {self.folder}", kept):
             if trace is not None:

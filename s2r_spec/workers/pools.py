@@ -4,17 +4,26 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Callable, Iterator
-from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import (
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    ThreadPoolExecutor,
+    as_completed,
+)
 from contextlib import contextmanager, suppress
 from importlib import import_module
-from typing import Any
+from typing import Any, TypeVar
 from uuid import uuid4
 
 from s2r_spec.base.errors import BackendError, S2RError, UsageError, require
 from s2r_spec.workers.limits import TimeLimitError
 from s2r_spec.workers.worker_process import WorkerDiedError, call_in_worker, end_workers
 
+K = TypeVar("K")
+T = TypeVar("T")
 ExecutorFactory = Callable[[], Executor]
 
 ANSWER = 10.0
@@ -62,6 +71,35 @@ def keep_open(factory: ExecutorFactory | None) -> Iterator[ExecutorFactory | Non
     finally:
         for pool in pools:
             pool.shutdown(cancel_futures=True)
+
+
+def as_they_end(
+    factory: ExecutorFactory | None,
+    function: Callable[..., T],
+    jobs: Mapping[K, tuple[Any, ...]],
+    during: str,
+) -> Iterator[tuple[K, T]]:
+    """Yield key and ``function(*arguments)`` of each job, as they end; without a pool in this thread, in their order.
+
+    Raises:
+        BackendError: a worker died; the sentence says ``during`` what.
+    """
+    if factory is None:
+        for key, arguments in jobs.items():
+            yield key, function(*arguments)
+        return
+    with factory() as pool:
+        pending = {pool.submit(function, *arguments): key for key, arguments in jobs.items()}
+        try:
+            for future in as_completed(pending):
+                yield pending[future], future.result()
+        except BrokenExecutor:
+            raise BackendError(
+                f"a worker died while it {during}; run it again with --workers 1 to see the rollout that kills it"
+            ) from None
+        finally:
+            for future in pending:
+                future.cancel()
 
 
 class _SharedPool(Executor):

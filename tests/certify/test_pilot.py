@@ -250,7 +250,7 @@ class TestRun:
         assert found.backends == ("toy", "toy:drag")
         assert found.rollouts == 15 * 4 * 3
         line = s2r.parse_spec(f"{SPEC}{found.line}\n", "spec.stl")
-        result = s2r.gap(line, "toy", "toy:drag", tmp_path / "gap", **THREAD)
+        result = s2r.gap(line, "toy", "toy:drag", tmp_path / "gap", budget=800, **THREAD)
         assert result.certificate.label.bounds
         settings = found.proposal.settings
         assert settings.gap_B < settings.B  # the drag changes E ρ by less than E ρ is

@@ -13,11 +13,15 @@ from tests.diagnose.toy import TEST, Toy
 TOY = s2r.parse_spec("param v in [0, 1]\nsignal x {N}\nrequire small: always[0, 0.9 s] (abs(x) <= 2 {N})")
 
 
-class Announced:
-    """A progress that keeps the cost, and the machines of all rollouts before it came."""
+class AnnouncedError(Exception):
+    """Ends a diagnosis of which only the cost is looked at."""
 
-    def __init__(self, ran):
-        self.ran, self.cost, self.before = ran, None, []
+
+class Announced:
+    """A progress that keeps the cost, and the machines of all rollouts before it came; it may end the diagnosis then."""
+
+    def __init__(self, ran, end=False):
+        self.ran, self.end, self.cost, self.before = ran, end, None, []
 
     def __call__(self, stage, done, of):
         pass
@@ -25,6 +29,8 @@ class Announced:
     def expect(self, cost):
         assert self.cost is None
         self.cost, self.before = cost, list(self.ran)
+        if self.end:
+            raise AnnouncedError
 
 
 @pytest.fixture
@@ -43,26 +49,17 @@ def ran(monkeypatch):
 @pytest.mark.parametrize("budget", [10, smallest_with_held_out(1)])
 def test_rollouts_and_held_out_tests_are_known_before_the_first(tmp_path, ran, budget):
     announced, machine = Announced(ran), Toy((("a", 0.5),))
-    found = s2r.diagnose(
-        TOY,
-        Toy(),
-        machine,
-        budget,
-        cache=tmp_path,
-        folder=tmp_path / "real",
-        progress=announced,
-        passive=True,
-    )
+    kept = {"cache": tmp_path, "folder": tmp_path / "real", "passive": True, "where": False}
+    found = s2r.diagnose(TOY, Toy(), machine, budget, progress=announced, **kept)
     cost = announced.cost
     assert {one.added for one in announced.before} == {()}
     assert cost.real.rollouts == found.provenance["rollouts"] == budget
     assert cost.real.seconds == pytest.approx(budget * machine.cost)
     assert (cost.held_out > 0) == (found.provenance["held_out"] > 0) == (budget >= cost.enough)
     assert cost.simulated.rollouts <= len(ran)
-    again = Announced(ran)
-    s2r.diagnose(
-        TOY, Toy(), machine, budget, cache=tmp_path, folder=tmp_path / "real", progress=again, passive=True
-    )
+    again = Announced(ran, end=True)
+    with pytest.raises(AnnouncedError):
+        s2r.diagnose(TOY, Toy(), machine, budget, progress=again, **kept)
     assert again.cost.real.rollouts == 0
 
 
@@ -85,10 +82,11 @@ def test_recordings_cost_only_simulations(tmp_path, ran):
     rollouts = [(test, machine.rollout(test, seed)) for seed, test in enumerate(tests)]
     ran.clear()
     announced = Announced(ran)
-    found = s2r.diagnose(TOY, Toy(), rollouts, cache=tmp_path, progress=announced)
+    found = s2r.diagnose(TOY, Toy(), rollouts, cache=tmp_path, progress=announced, where=False)
     assert {one.added for one in announced.before} == {()}
     assert (announced.cost.real, announced.cost.enough) == (None, None)
     assert (announced.cost.held_out > 0) == (found.provenance["held_out"] > 0)
-    again = Announced(ran)
-    s2r.diagnose(TOY, Toy(), rollouts, cache=tmp_path, progress=again)
+    again = Announced(ran, end=True)
+    with pytest.raises(AnnouncedError):
+        s2r.diagnose(TOY, Toy(), rollouts, cache=tmp_path, progress=again)
     assert again.cost.simulated.rollouts == 0 < announced.cost.simulated.rollouts

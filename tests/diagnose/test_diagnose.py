@@ -105,7 +105,7 @@ def test_two_causes_are_named_together(find):
 
 
 def test_a_cause_that_the_catalogue_lacks_is_none_of_these(find):
-    found = find(logs({}, 14, extra="gust"))
+    found = find(logs({}, 14, 12, extra="gust"))
     assert (found.verdict, found.which.answer, found.patch) == (Verdict.UNKNOWN, (), {})
     assert found.which.nearest_family
     assert found.left[0].material
@@ -115,25 +115,25 @@ def test_a_cause_that_the_catalogue_lacks_is_none_of_these(find):
     ("value", "name"), [(1.4, "tilt"), pytest.param(2.0, "viscous", marks=pytest.mark.slow)]
 )
 def test_logs_at_any_tests_name_a_cause(find, value, name):
-    found = find(logs({name: value}, 15))
+    found = find(logs({name: value}, 15, 12))
     assert (found.verdict, found.which.answer) == (Verdict.NAMED, (name,)), found.reason
     assert estimate(found, name).value == pytest.approx(value, rel=0.2)
     assert found.passive
 
 
 def test_channels_that_the_log_lacks_are_done_without(find):
-    found = find([(test, trace.only(["v", "v_ref"])) for test, trace in logs({"tilt": 1.4}, 15)])
+    found = find([(test, trace.only(["v", "v_ref"])) for test, trace in logs({"tilt": 1.4}, 15, 12)])
     assert found.which.answer == ("tilt",)
     assert states(found.notes[0], "v_meas, u")
 
 
 def test_an_accident_changes_nothing_that_is_said_of_the_others(find):
-    runs = logs({"tilt": 1.4}, 15)
+    runs = logs({"tilt": 1.4}, 15, 12)
     test, trace = runs[4]
     first = {name: values[:60] for name, values in trace.channels.items()}
     runs[4] = (test, Trace(trace.times[:60], first, trace.units, {"failure": "fall"}))
     found, alone = find(runs), find([*runs[:4], *runs[5:]])
-    assert states(found.notes[0], "1 of 16", "(fall)", "left out")
+    assert states(found.notes[0], "1 of 12", "(fall)", "left out")
     assert to_json(found.which) == to_json(alone.which)
     assert found.how_far == alone.how_far
 

@@ -1,5 +1,6 @@
 """Every stage of a diagnosis has a name before its first rollout, and a count while it runs."""
 
+import pytest
 from s2r_cart import SPEC, Cart, Machine
 
 import s2r_spec as s2r
@@ -51,13 +52,12 @@ def test_a_diagnosis_names_its_stages_and_counts_to_the_end_of_each(tmp_path):
         assert counts[-1][1] == 0 or counts[-1][0] == counts[-1][1]
     # A diagnosis that finds its library tells nothing of it.
     progress.clear()
-    s2r.diagnose(
-        s2r.parse_spec(SPEC),
-        Short(),
-        Machine(),
-        9,
-        cache=tmp_path,
-        where=False,
-        progress=lambda *now: progress.append(now),
-    )
+
+    def until_the_estimate(*now):
+        progress.append(now)
+        if now[0] == "estimating sizes":
+            raise InterruptedError
+
+    with pytest.raises(InterruptedError):
+        s2r.diagnose(s2r.parse_spec(SPEC), Short(), Machine(), 9, cache=tmp_path, progress=until_the_estimate)
     assert "simulating every effect" not in {stage for stage, _, _ in progress}

@@ -158,8 +158,18 @@ class InformationForecast:
         usual = np.where(prior.high > 0.0, NAMED, -NAMED)
         return np.clip(np.where(np.abs(largest) < NAMED, usual, largest), prior.low, prior.high)
 
+    @cached_property
+    def _gains(self) -> dict[tuple[Experiment, int], FloatArray]:
+        return {}
+
     def gained(self, candidate: Candidate) -> FloatArray:
         """Return (K, K) the information of one more run about ψ."""
+        key = candidate.experiment, candidate.runs
+        if key not in self._gains:
+            self._gains[key] = self._gained(candidate)
+        return self._gains[key]
+
+    def _gained(self, candidate: Candidate) -> FloatArray:
         response = self.estimate.library.response(candidate.experiment)
         one = Observation.of(response, [response.nominal], self.estimate.library.dependence)
         after = information(one.of_runs(candidate.runs + 1), self.estimate.fit, self.sizes)
@@ -208,7 +218,7 @@ def information(one: Observation, fit: Fit, sizes: FloatArray) -> FloatArray:
 
 
 def separations(
-    estimate: Estimate, possible: Iterable[str], candidates: Sequence[Candidate]
+    forecast: InformationForecast, possible: Iterable[str], candidates: Sequence[Candidate]
 ) -> tuple[Separation, ...]:
     """Return what one more run of each candidate says about each possible effect.
 
@@ -217,8 +227,7 @@ def separations(
     names = list(possible)
     if not names:
         return ()
-    forecast = InformationForecast.of(estimate)
-    known = estimate.library.experiments
+    known = forecast.estimate.library.experiments
     gains = [(one, forecast.gained(one)) for one in candidates if one.experiment in known]
     distances = [forecast.apart(gained) for _, gained in gains]
     return tuple(_separation(forecast, name, gains, distances) for name in names)

@@ -20,7 +20,6 @@ import numpy as np
 
 from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.json_values import DIGITS, Shown
-from s2r_spec.diagnose.estimation import Estimate
 from s2r_spec.diagnose.experiment_design.identifiability import Candidate, InformationForecast
 
 ENOUGH = 25.0
@@ -52,12 +51,12 @@ class NextTest(Shown):
     JSON = "protocol=candidate.shown.protocol params=candidate.shown.values separates sigma entropy"
 
 
-def next_test(estimate: Estimate, candidates: Sequence[Candidate]) -> NextTest | None:
+def next_test(forecast: InformationForecast, candidates: Sequence[Candidate]) -> NextTest | None:
     """Return the allowed experiment that separates the sets best for its cost; None where none separates them.
 
     Candidates that the library does not have are left out.
     """
-    forecast = InformationForecast.of(estimate)
+    estimate = forecast.estimate
     p = estimate.posterior.probability[: len(forecast.names)]
     different = np.array([[a != b for a in forecast.names] for b in forecast.names])
     weight = np.where(different, np.outer(p, p), 0.0)

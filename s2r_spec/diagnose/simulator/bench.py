@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import BrokenExecutor, as_completed
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 
@@ -26,7 +25,7 @@ from s2r_spec.runs.seeds import SeedStream, rollout_seed
 from s2r_spec.space import Key, key_of
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
-from s2r_spec.workers.pools import ExecutorFactory
+from s2r_spec.workers.pools import ExecutorFactory, as_they_end
 
 Test = Mapping[str, float]
 TestRun = tuple[Test, Trace]
@@ -205,7 +204,14 @@ def run_jobs(bench: Bench, jobs: Sequence[Job], read: Read = rho_and_end) -> lis
         BackendError: a rollout raised, or a worker died.
     """
     results: dict[int, FloatArray] = {}
-    for index, rows in _outcomes(bench, jobs, read):
+    copy = None if bench.pool is None or len(jobs) < 2 else _pickle(bench)
+    call = partial(run_job, bench) if copy is None else partial(_run_pickled, copy)
+    arguments = {index: (job, read) for index, job in enumerate(jobs)}
+    pool, during = (
+        None if copy is None else bench.pool,
+        f"simulated effects on backend {bench.backend.name!r}",
+    )
+    for index, rows in as_they_end(pool, call, arguments, during):
         results[index] = rows
         if bench.progress is not None:
             bench.progress(len(results), len(jobs))
@@ -228,27 +234,6 @@ def table(
     """Return (n, machines, runs) the n numbers that are read of every machine in every run, a job each."""
     rows = run_jobs(bench, [Job(values, (run,)) for values in machines for run in runs], read)
     return np.array(rows).reshape(len(machines), len(runs), -1).transpose(2, 0, 1)
-
-
-def _outcomes(bench: Bench, jobs: Sequence[Job], read: Read) -> Iterator[tuple[int, FloatArray]]:
-    pickled = None if bench.pool is None else _pickle(bench)
-    if bench.pool is None or pickled is None or len(jobs) < 2:
-        for index, job in enumerate(jobs):
-            yield index, run_job(bench, job, read)
-        return
-    with bench.pool() as pool:
-        futures = {pool.submit(_run_pickled, pickled, job, read): index for index, job in enumerate(jobs)}
-        try:
-            for future in as_completed(futures):
-                yield futures[future], future.result()
-        except BrokenExecutor:
-            raise BackendError(
-                f"a worker died while it simulated effects on backend {bench.backend.name!r}; "
-                f"run it again with --workers 1 to see the test that kills it"
-            ) from None
-        finally:
-            for future in futures:
-                future.cancel()
 
 
 def travels(bench: Bench) -> bool:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import BrokenExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
@@ -29,7 +28,7 @@ from s2r_spec.diagnose.simulator.cache import Cache
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.innovations import Innovations
 from s2r_spec.diagnose.simulator.observables import Observables, ObservedQuantity
-from s2r_spec.workers.pools import ExecutorFactory, in_this_process
+from s2r_spec.workers.pools import ExecutorFactory, as_they_end
 
 K = TypeVar("K")
 T = TypeVar("T")
@@ -209,21 +208,10 @@ def each(
     Raises:
         BackendError: a worker died.
     """
-    if not jobs:
-        return
-    call = partial(function, backend) if executor is None else partial(_of_copy, pack(backend), function)
-    with (executor or in_this_process)() as pool:
-        pending = {pool.submit(call, key, *arguments): key for key, arguments in jobs.items()}
-        try:
-            for future in as_completed(pending):
-                yield pending[future], future.result()
-        except BrokenExecutor:
-            raise BackendError(
-                f"a worker died while it {what}; run it again with --workers 1 to see the experiment that kills it"
-            ) from None
-        finally:
-            for future in pending:
-                future.cancel()
+    if jobs:
+        call = partial(function, backend) if executor is None else partial(_of_copy, pack(backend), function)
+        own = {key: (key, *arguments) for key, arguments in jobs.items()}
+        yield from as_they_end(executor, call, own, what)
 
 
 _unpack = lru_cache(1)(unpack)

@@ -221,7 +221,7 @@ class Recorder:
         step = clock.step if clock.period is not None else clock.shortest
         snap = max(clock.slack, SNAP * step)
         reached = clock.now * step if clock.period is not None else clock.latest
-        return reached + step - snap >= seconds_needed(formula, step, slack=2 * snap)
+        return reached + step - snap >= seconds_needed(formula, step, 2 * snap)
 
     def shortfall(self, formula: f.Formula) -> str:
         """Return in words how far the horizon of a formula is past the samples so far."""
@@ -230,7 +230,7 @@ class Recorder:
             return "it looks further, but the trace has one sample"
         if math.isfinite(ahead):
             return f"it looks {ahead:g} s ahead, but the trace lasts {clock.time - clock.start:.6g} s"
-        needs = seconds_needed(formula, clock.step or clock.shortest)
+        needs = seconds_needed(formula, clock.step or clock.shortest, 0.0)
         return f"a part of it looks {needs:g} s ahead, past the end of the trace"
 
 

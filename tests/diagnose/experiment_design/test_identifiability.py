@@ -36,7 +36,7 @@ CANDIDATES = [Candidate(TEST, 1.0, runs=2), Candidate(SPLIT, 1.0), Candidate(SHO
 
 
 def test_only_the_protocol_with_both_shapes_settles_them(unclear):
-    possible = separations(unclear, ["a", "b"], CANDIDATES)
+    possible = separations(InformationForecast.of(unclear), ["a", "b"], CANDIDATES)
     assert [one.effect for one in possible] == ["a", "b"]
     for one in possible:
         assert one.best(allowed=True).candidate.experiment == SPLIT
@@ -52,13 +52,13 @@ def test_only_the_protocol_with_both_shapes_settles_them(unclear):
 
 def test_a_protocol_that_is_not_allowed_is_named_as_missing(unclear):
     missing = [CANDIDATES[0], replace(CANDIDATES[1], allowed=False), CANDIDATES[2]]
-    for one in separations(unclear, ["a", "b"], missing):
+    for one in separations(InformationForecast.of(unclear), ["a", "b"], missing):
         assert one.best(allowed=True) is None
         assert one.best(allowed=False).candidate.experiment == SPLIT
 
 
 def test_the_next_experiment_is_the_one_that_separates_and_its_forecast_comes_true(responses, unclear):
-    chosen = next_test(unclear, CANDIDATES)
+    chosen = next_test(InformationForecast.of(unclear), CANDIDATES)
     assert chosen.candidate.experiment == SPLIT
     assert {name for names in chosen.separates for name in names} == {"a", "b"}
     assert chosen.sigma > 3.0
@@ -70,15 +70,18 @@ def test_the_next_experiment_is_the_one_that_separates_and_its_forecast_comes_tr
 
 
 def test_cost_counts_and_what_is_not_allowed_is_not_chosen(unclear):
-    assert next_test(unclear, [CANDIDATES[0], CANDIDATES[2]]) is None
-    assert next_test(unclear, [replace(one, allowed=False) for one in CANDIDATES]) is None
+    assert next_test(InformationForecast.of(unclear), [CANDIDATES[0], CANDIDATES[2]]) is None
+    assert (
+        next_test(InformationForecast.of(unclear), [replace(one, allowed=False) for one in CANDIDATES])
+        is None
+    )
     costly = [replace(CANDIDATES[1], cost=9.0)]
-    assert next_test(unclear, costly).candidate.experiment == SPLIT
+    assert next_test(InformationForecast.of(unclear), costly).candidate.experiment == SPLIT
 
 
 def test_a_sure_answer_needs_no_test(responses):
     sure = found(responses, {"a": 2.0}, TEST, SPLIT, SHOW)
-    assert next_test(sure, CANDIDATES) is None
+    assert next_test(InformationForecast.of(sure), CANDIDATES) is None
 
 
 def test_more_runs_of_an_experiment_say_less_than_the_first(unclear):
