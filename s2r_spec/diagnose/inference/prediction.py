@@ -20,7 +20,8 @@ a group. So of the difference of the scores of two sets, a step D of sizes apart
 
     J_D = Σ_g J_g,DD,   Q_D = ρ0² Σ_k θ_k² (Σ_g (J_g,DD J_g,kk)^½)²
 
-θ and J_g are those of the better set, but J is not more than the scores have along D. The probability of a set is its
+θ is that of the worse set: its laws may be wrong, and no error of a law makes an effect of none. J_g is that of the
+better set, but J is not more than the scores have along D. The probability of a set is its
 mean weight ∝ P(A) exp Σ_t w_t ℓ_t(A) over Bayesian bootstrap weights w of the tests. So a set that one test alone
 prefers, or that tests disagree about, is not sure. One test of another motion, such as one with a gust, can still hide
 an effect: it makes s_g large in all others.
@@ -211,7 +212,7 @@ def law_variances(information: FloatArray, theta: FloatArray) -> FloatArray:
 
 
 def part_left(better: Candidate, worse: Candidate) -> float:
-    """Return the part of a difference of scores of two sets that errors of laws leave.
+    """Return the part of a difference of scores of two sets that errors of the laws of the worse one leave.
 
     J is the information at the better set, but no more along the difference than the scores have.
     """
@@ -220,7 +221,7 @@ def part_left(better: Candidate, worse: Candidate) -> float:
     score = 2.0 * float((better.score - worse.score).sum())
     if not along > 0.0:
         return 1.0
-    errors = LAW_SHARE**2 * float(better.theta**2 @ overlap(information, difference) ** 2)
+    errors = LAW_SHARE**2 * float(worse.theta**2 @ overlap(information, difference) ** 2)
     return 1.0 / (1.0 + min(score / along, 1.0) * errors / along)
 
 

@@ -297,3 +297,46 @@ def test_a_test_of_lost_observables_counts_as_far_as_it_goes():
     found = posterior([*cut, *data[2:]])
     assert found.sets[0] == (0,)
     assert found.mean[0][0] == pytest.approx(0.7, abs=0.05)
+
+
+def candidate(theta, score, information):
+    theta, blank = np.array(theta), np.zeros(0)
+    return prediction.Candidate((), theta, np.ones(theta.size), np.array([score]), blank, information)
+
+
+TOGETHER, APART = (np.array(each) for each in (
+    [np.diag([400.0, 100.0]), np.diag([400.0, 100.0])],
+    [np.diag([800.0, 0.0]), np.diag([0.0, 200.0])],
+))  # fmt: skip
+"""Information of two groups about two effects, which show in the same groups, or in different ones."""
+
+
+def test_a_second_effect_counts_as_far_as_the_law_of_the_first_is_known():
+    """With a first effect of 30 standard errors a tenth of it is 3 of the second, which has 3."""
+    with_both, alone = [1.0, 0.2], [1.0, 0.0]
+    for information, expected in ((TOGETHER, 1.0 / 9.0), (APART, 1.0)):
+        better, worse = candidate(with_both, 0.0, information), candidate(alone, -100.0, information)
+        assert prediction.part_left(better, worse) == pytest.approx(expected, rel=0.02)
+    assert prediction.part_left(candidate(alone, 0.0, TOGETHER), candidate(alone, 0.0, TOGETHER)) == 1.0
+
+
+def test_no_error_of_a_law_makes_an_effect_of_none():
+    both, nothing = candidate([1.0, 0.2], 0.0, TOGETHER), candidate([0.0, 0.0], -400.0, TOGETHER)
+    assert prediction.part_left(both, nothing) == 1.0
+
+
+def test_a_small_difference_of_scores_counts_more():
+    better = candidate([1.0, 0.2], 0.0, TOGETHER)
+    parts = [
+        prediction.part_left(better, candidate([1.0, 0.0], -score, TOGETHER)) for score in (0.1, 1.0, 9.0)
+    ]
+    assert parts == sorted(parts, reverse=True)
+    assert parts[0] > 0.7
+
+
+def test_a_size_is_known_to_a_tenth_of_the_effects_in_its_groups():
+    alone = prediction.law_variances(TOGETHER, np.array([0.5, 0.0]))
+    assert alone[0] == pytest.approx(0.05**2)
+    assert alone[1] == pytest.approx((0.1 * 0.5 * 2.0) ** 2)
+    apart = prediction.law_variances(APART, np.array([0.5, 0.0]))
+    assert apart[1] == pytest.approx(0.0)
