@@ -11,29 +11,26 @@ Units: sizes in typical sizes. Shapes: K parameters; of each test m observables,
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from s2r_spec.backend import Backend
 from s2r_spec.base.arrays import FloatArray
 from s2r_spec.diagnose.inference.hierarchical import DEGREES, LARGEST
-from s2r_spec.diagnose.inference.instruments import instrument_variance, white_noise
 from s2r_spec.diagnose.inference.model_search import ModelPosterior, Set
 from s2r_spec.diagnose.inference.observation import Observation
 from s2r_spec.diagnose.inference.prediction import Candidate, Prediction, energies, fitted, weighted
-from s2r_spec.diagnose.inference.prior import BACKGROUND, NAMED, SLAB, UNNAMED, SizePrior
+from s2r_spec.diagnose.inference.prior import NAMED, SLAB, UNNAMED, SizePrior
+from s2r_spec.diagnose.inference.recorded import RecordedTests, background
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import simulated_rows
 from s2r_spec.diagnose.simulator.response import ResponseLibrary, replicates
-from s2r_spec.diagnose.simulator.runs import SEED
 from s2r_spec.trace import Trace
 from s2r_spec.workers.pools import ExecutorFactory
 
 ERRORS = 2.0
 """Level: standard errors of paired differences from which on one set predicts better than another."""
-FEWEST = 5
-"""Level: tests from which on predictions decide which effects there are."""
 ALONE, BESIDE, LARGEST_SET = 6, 3, 4
 """Budget: single parameters, and further ones beside each of the two best sets, at which the simulator runs; causes of
 a set."""
@@ -81,114 +78,6 @@ class Predicted:
         return others if float(worse.sum()) > ERRORS * error else ()
 
 
-@dataclass(frozen=True)
-class TestRuns:
-    """The real tests beside the simulator.
-
-    Attributes:
-        observations: of every test, without the errors of sums of responses.
-        machine: (n,) variance of the mean of a test's real runs.
-        scatter: (n,) variance of a run of the nominal simulator.
-        runs: number of real runs of every test.
-    """
-
-    observations: tuple[Observation, ...]
-    machine: tuple[FloatArray, ...]
-    scatter: tuple[FloatArray, ...]
-    runs: tuple[int, ...]
-
-    @classmethod
-    def of(
-        cls,
-        backend: Backend,
-        library: ResponseLibrary,
-        tests: Mapping[Experiment, Sequence[Trace]],
-    ) -> TestRuns | None:
-        """Return the tests of experiment → real runs, with residuals; None where too few have something to show."""
-        every = []
-        for experiment, traces in tests.items():
-            response = library.response(experiment)
-            vectors = [response.observables.vector(trace) for trace in traces]
-            one = Observation.of(response, vectors, library.dependence)
-            whole = [each for each in vectors if np.isfinite(each[response.bins]).all()] or vectors
-            if one.parts:
-                nominal = experiment.with_residuals(experiment.run(backend, SEED), backend)
-                real, simulated = (white_noise(response.observables, each) for each in (traces, [nominal]))
-                beyond = {name: np.maximum(own - simulated[name], 0.0) for name, own in real.items()}
-                extra = instrument_variance(
-                    response.observables, response.nominal, beyond, max(map(len, traces))
-                )
-                every.append((one, np.array(whole)[:, one.kept], extra[one.kept]))
-        if len(every) < FEWEST:
-            return None
-        ratios = _replicate_ratios(every)
-        observations, machine, scatter = [], [], []
-        for one, runs, extra in every:
-            own = one.response.scatter[one.kept] ** 2
-            variance = own + extra
-            for name, places in one.parts:
-                variance[places] *= ratios[name]
-            plain = replace(one, law=0.0, form=np.zeros_like(one.form), spread=np.zeros_like(one.spread))
-            observations.append(plain)
-            scatter.append(own)
-            machine.append(variance / len(runs) + (one.variants**2).sum(axis=0) + 1e-12)
-        return cls(
-            tuple(observations),
-            tuple(machine),
-            tuple(scatter),
-            tuple(len(vectors) for _, vectors, _ in every),
-        )
-
-    def near(self, theta: FloatArray, rows: Sequence[FloatArray]) -> list[Observation]:
-        """Return the observations, corrected by (R, m) runs of every test at (K,) sizes.
-
-        As many runs as the library has of a response have its seeds. All begin with the seeds of the nominal runs.
-        """
-        found = []
-        for one, machine, scatter, real, own in zip(
-            self.observations, self.machine, self.scatter, self.runs, rows, strict=True
-        ):
-            same = len(own) == replicates(one.response.experiment)
-            correction = own.mean(axis=0) - (one.response.reference if same else one.response.nominal)
-            correction[one.kept] -= one.moved(theta)
-            beyond = np.zeros_like(scatter)
-            if len(own) > 1:
-                beyond = np.nan_to_num(own[:, one.kept].var(axis=0, ddof=1))
-                for _, places in one.parts:  # two runs say little about a single observable
-                    beyond[places] = 0.5 * (beyond[places] + beyond[places].mean())
-                beyond = np.maximum(beyond - scatter, 0.0)
-            noise = machine + beyond / real + (scatter + beyond) / len(own)
-            found.append(replace(one.corrected(correction, theta), noise=noise))
-        return found
-
-
-def _replicate_ratios(
-    every: Sequence[tuple[Observation, FloatArray, FloatArray]],
-) -> dict[tuple[str, str], float]:
-    """Return group → f_g, by which repeated real runs scatter more than simulated ones; at least 1."""
-    total: dict[tuple[str, str], float] = {}
-    free: dict[tuple[str, str], float] = {}
-    for one, vectors, extra in every:
-        for (name, places), size in zip(one.parts, one.effective.tolist(), strict=True):
-            total.setdefault(name, DEGREES)
-            free.setdefault(name, DEGREES)
-            if len(vectors) > 1:
-                variance = one.response.scatter[one.kept][places] ** 2 + extra[places] + 1e-12
-                ratio = vectors[:, places].var(axis=0, ddof=1) / variance
-                if np.isfinite(ratio).any():
-                    number = (len(vectors) - 1) * size
-                    total[name] += number * float(np.nanmean(ratio))
-                    free[name] += number
-    return {name: max(value / free[name], 1.0) for name, value in total.items()}
-
-
-def _background(one: Observation) -> FloatArray:
-    """Return (n,) the variance by σ_bg of every parameter."""
-    each = [(curve.at(-BACKGROUND) ** 2 + curve.at(BACKGROUND) ** 2) / 2.0 for curve in one.curves]
-    alone = one.dependence.base < 0
-    return np.asarray(sum(own for own, counts in zip(each, alone, strict=True) if counts))
-
-
 def predicted(
     backend: Backend,
     library: ResponseLibrary,
@@ -207,7 +96,7 @@ def predicted(
         executor: of the simulations.
         proposed: further sets with (K,) their sizes.
     """
-    data = TestRuns.of(backend, library, tests)
+    data = RecordedTests.of(backend, library, tests)
     if data is None:
         return None
     responses = [one.response for one in data.observations]
@@ -225,7 +114,7 @@ def predicted(
     return Predicted(posterior, search.found, left)
 
 
-def _left(data: TestRuns, nominal: FloatArray, best: FloatArray) -> Prediction:
+def _left(data: RecordedTests, nominal: FloatArray, best: FloatArray) -> Prediction:
     """Return how large the misfit of the nominal simulator is, and which part of it a set leaves, by (G,) energies."""
     names = [name for one in data.observations for name, _ in one.parts]
     size = np.concatenate([one.effective for one in data.observations])
@@ -239,9 +128,9 @@ def _left(data: TestRuns, nominal: FloatArray, best: FloatArray) -> Prediction:
 class _Search:
     """The candidates so far. They grow."""
 
-    def __init__(self, data: TestRuns, prior: SizePrior, simulate: Simulate) -> None:
+    def __init__(self, data: RecordedTests, prior: SizePrior, simulate: Simulate) -> None:
         self.data, self.prior, self.simulate = data, prior, simulate
-        self.background = [_background(one) for one in data.observations]
+        self.background = [background(one) for one in data.observations]
         self.runs = 0
         self.found: dict[Set, Candidate] = {}
         self.before = np.zeros(0)
@@ -369,7 +258,7 @@ class _Search:
         return np.asarray(np.sum(each, axis=0))
 
 
-def _grid(data: TestRuns, prior: SizePrior, k: int) -> FloatArray:
+def _grid(data: RecordedTests, prior: SizePrior, k: int) -> FloatArray:
     """Return (points, K) sizes of a parameter that a proposal tries: all that are no background.
 
     With each, its dependent parameters are nominal, or one of them has a size of the library.

@@ -25,6 +25,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from s2r_spec.base.arrays import FloatArray
+from s2r_spec.diagnose.simulator.innovations import of_columns
 from s2r_spec.diagnose.simulator.observables import BINS, FLOOR, WINDOWS, Observables
 from s2r_spec.trace import Trace
 
@@ -53,7 +54,10 @@ def instrument_variance(
         noise: quantity → (columns,) variance in a sample, beyond that of a simulated run.
         samples: in a run.
     """
-    variance = np.zeros(nominal.size)
+    variance, innovations = np.zeros(nominal.size), {}
+    channels = {one.name: one for one in observables.channels}
+    if observables.innovations:
+        innovations = observables.innovations.noise(np.concatenate([noise[name] for name in channels]))
     for group in observables.groups:
         own = noise[group.quantity]
         places = slice(group.start, group.stop)
@@ -65,8 +69,6 @@ def instrument_variance(
         elif group.statistic == "ripple":
             scatter = np.maximum(np.exp(nominal[places]) - FLOOR, 0.0)
             variance[places] = (np.log(np.sqrt(scatter**2 + each) + FLOOR) - nominal[places]) ** 2
-        elif group.statistic == "innovation" and observables.innovations:
-            every = np.concatenate([noise[one.name] for one in observables.channels])
-            quantity = next(one for one in observables.channels if one.name == group.quantity)
-            variance[places] = observables.innovations.noise(every, observables.columns(quantity))
+        elif group.statistic == "innovation":
+            variance[places] = of_columns(innovations, observables.columns(channels[group.quantity]))
     return np.nan_to_num(variance)

@@ -22,7 +22,7 @@ Theory* 12 (1996) 657 (a simple model's parameters as observables of a simulator
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -108,47 +108,45 @@ class Innovations:
                 predictors[j] = Predictor(inputs, _solved(own, moment[places, j]), whitening, error)
         return cls(min(len(x) for x in samples) - 1, mean, scale, predictors)
 
-    def sizes(self, columns: slice) -> int:
+    def size(self, columns: slice) -> int:
         """Return the number of observables of some columns."""
-        return sum(len(self.predictors[j].whitening) for j in _within(self.predictors, columns))
+        return sum(len(one.whitening) for j, one in self.predictors.items() if j in _range(columns))
 
-    def vector(self, x: FloatArray, times: FloatArray, duration: float, columns: slice) -> FloatArray:
-        """Return the observables of some columns of (n, C) samples; NaN of a trace that is short or has few samples."""
-        if not self.sizes(columns):
-            return np.zeros(0)
+    def of(self, x: FloatArray, times: FloatArray, duration: float) -> dict[int, FloatArray]:
+        """Return column → its observables, from (n, C) samples; NaN of a trace that is short or has few samples."""
+        if not self.predictors:
+            return {}
         count = self.intervals + 1
         rows = np.searchsorted(times, np.linspace(0.0, duration, count) - 0.5 * duration / self.intervals)
         rows = np.unique(np.minimum(rows, len(times) - 1))
         if len(rows) < WHOLE * count:
-            return np.full(self.sizes(columns), np.nan)
+            return {j: np.full(len(one.whitening), np.nan) for j, one in self.predictors.items()}
         past, change = _regressors((x[rows] - self.mean) / self.scale)
-        found = []
-        for j in _within(self.predictors, columns):
-            one = self.predictors[j]
+        found = {}
+        for j, one in self.predictors.items():
             own = past[:, one.places]
             score = one.whitening @ (own.T @ (change[:, j] - own @ one.weights))
             excited = own @ one.whitening.T
             gram = one.error * excited.T @ excited + LEAST * np.eye(len(score))
-            found.append((1.0 + LEAST) * np.linalg.solve(gram, score))
-        return np.concatenate(found)
+            found[j] = np.asarray((1.0 + LEAST) * np.linalg.solve(gram, score))
+        return found
 
-    def noise(self, variance: FloatArray, columns: slice) -> FloatArray:
-        """Return the variance of the observables of some columns by white noise, (C,) in samples of the channels.
+    def noise(self, variance: FloatArray) -> dict[int, FloatArray]:
+        """Return column → the variance of its observables by white noise, (C,) in samples of the channels.
 
         The shift that noise makes counts as a standard deviation.
         """
         v = variance / self.scale**2
-        found = []
-        for j in _within(self.predictors, columns):
-            one = self.predictors[j]
+        found = {}
+        for j, one in self.predictors.items():
             shift = -one.weights.copy()
             shift[1:] *= np.repeat(v[list(one.inputs)], len(LAGS))
             shift[0] = 0.0
             if j in one.inputs:
                 shift[1 + len(LAGS) * one.inputs.index(j)] -= v[j]
             error = 2.0 * v[j] + float(one.weights[1:] ** 2 @ np.repeat(v[list(one.inputs)], len(LAGS)))
-            found.append((self.intervals * one.whitening @ shift) ** 2 + error / one.error)
-        return np.concatenate(found) if found else np.zeros(0)
+            found[j] = np.asarray((self.intervals * one.whitening @ shift) ** 2 + error / one.error)
+        return found
 
     def to_json(self) -> dict[str, Any]:
         """Return it as lists."""
@@ -209,5 +207,10 @@ def _inputs(gram: FloatArray, moment: FloatArray, energy: float) -> tuple[tuple[
     return chosen, max(left, RIDGE * float(energy))
 
 
-def _within(predictors: dict[int, Predictor], columns: slice) -> list[int]:
-    return [j for j in range(columns.start, columns.stop) if j in predictors]
+def of_columns(each: Mapping[int, FloatArray], columns: slice) -> FloatArray:
+    """Return the observables of some columns, from column → its observables."""
+    return np.concatenate([each[j] for j in _range(columns) if j in each] or [np.zeros(0)])
+
+
+def _range(columns: slice) -> range:
+    return range(columns.start, columns.stop)

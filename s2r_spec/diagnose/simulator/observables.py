@@ -29,7 +29,7 @@ import numpy as np
 
 from s2r_spec.base.arrays import FloatArray
 from s2r_spec.diagnose.simulator.experiments import RESIDUAL
-from s2r_spec.diagnose.simulator.innovations import Innovations
+from s2r_spec.diagnose.simulator.innovations import Innovations, of_columns
 from s2r_spec.trace import Trace
 
 BINS = 50
@@ -168,15 +168,17 @@ class Observables:
         ends = np.cumsum([quantity.scale.size for quantity in self.quantities])
         own = {q.name: slice(end - q.scale.size, end) for q, end in zip(self.quantities, ends, strict=True)}
         forms = {name: _forms(values[name], times, self.duration) for name in self._factors}
-        channels = np.hstack([values[one.name] for one in self.channels]) if self.innovations else wide
+        errors: dict[int, FloatArray] = {}
+        if self.innovations:
+            channels = np.hstack([values[one.name] for one in self.channels])
+            errors = self.innovations.of(channels, times, self.duration)
         parts = []
         for quantity, statistic, _ in self._layout:
             x = values[quantity.name]
             if statistic in rows:
                 parts.append(rows[statistic][:, own[quantity.name]].ravel())
-            elif statistic == "innovation" and self.innovations:
-                own_columns = self.columns(quantity)
-                parts.append(self.innovations.vector(channels, times, self.duration, own_columns))
+            elif statistic == "innovation":
+                parts.append(of_columns(errors, self.columns(quantity)))
             elif statistic == "flag":
                 parts += [_in_phases(x, trace, flag, width) for flag, width in self._flags_of(quantity)]
             else:
@@ -231,7 +233,7 @@ class Observables:
             if partners := self._partners(quantity):
                 yield quantity, "product", 3 * len(partners) * width
             elif self.innovations and not quantity.residual:
-                yield quantity, "innovation", self.innovations.sizes(self.columns(quantity))
+                yield quantity, "innovation", self.innovations.size(self.columns(quantity))
 
 
 def _quantities(samples: dict[str, FloatArray], units: dict[str, str]) -> Iterator[ObservedQuantity]:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from s2r_spec.diagnose.simulator.innovations import LAGS, Innovations
+from s2r_spec.diagnose.simulator.innovations import LAGS, Innovations, of_columns
 
 N, GAIN = 500, 0.1
 TIMES = np.arange(N + 1.0)
@@ -22,13 +22,17 @@ def loop(seed, feedback=0.3, gain=GAIN, delay=0, noise=0.02):
     return np.column_stack([x, u])
 
 
+def vector(innovations, x, columns, times=TIMES):
+    return of_columns(innovations.of(x, times, float(N)), columns)
+
+
 @pytest.fixture(scope="module")
 def nominal():
     return Innovations.of_nominal([loop(seed) for seed in range(8)])
 
 
 def mean(innovations, columns=POSITION, runs=16, **machine):
-    each = [innovations.vector(loop(100 + k, **machine), TIMES, float(N), columns) for k in range(runs)]
+    each = [vector(innovations, loop(100 + k, **machine), columns) for k in range(runs)]
     return np.mean(each, axis=0), np.array(each)
 
 
@@ -61,35 +65,33 @@ def test_noise_of_instruments_is_accounted_for(nominal):
     runs = [loop(200 + k) for k in range(24)]
     sigma = np.array([0.01, 0.0])
     clean, noisy = (
-        np.array([nominal.vector(x, TIMES, float(N), POSITION) for x in own])
+        np.array([vector(nominal, x, POSITION) for x in own])
         for own in (runs, [x + sigma * rng.normal(size=x.shape) for x in runs])
     )
     shift = (noisy - clean).mean(axis=0)
-    expected = nominal.noise(sigma**2, POSITION)
+    expected = of_columns(nominal.noise(sigma**2), POSITION)
     assert (shift**2 + (noisy - clean).var(axis=0)).mean() == pytest.approx(expected.mean(), rel=0.6)
-    assert nominal.noise(np.zeros(2), POSITION) == pytest.approx(np.zeros(expected.size))
+    assert of_columns(nominal.noise(np.zeros(2)), POSITION) == pytest.approx(np.zeros(expected.size))
 
 
 def test_a_short_trace_and_one_of_few_samples_show_nothing(nominal):
     x = loop(0)
-    assert np.isnan(nominal.vector(x[: N // 2], TIMES[: N // 2], float(N), POSITION)).all()
-    assert np.isnan(nominal.vector(x[::3], TIMES[::3], float(N), POSITION)).all()
-    assert np.isfinite(nominal.vector(x, TIMES + 7.0 - 7.0, float(N), POSITION)).all()
+    assert np.isnan(vector(nominal, x[: N // 2], POSITION, TIMES[: N // 2])).all()
+    assert np.isnan(vector(nominal, x[::3], POSITION, TIMES[::3])).all()
+    assert np.isfinite(vector(nominal, x, POSITION)).all()
 
 
 def test_it_is_read_as_it_was_written(nominal):
     again = Innovations.from_json(nominal.to_json())
     x = loop(3)
     for columns in (POSITION, COMMAND):
-        assert again.vector(x, TIMES, float(N), columns) == pytest.approx(
-            nominal.vector(x, TIMES, float(N), columns)
-        )
-        assert again.sizes(columns) == nominal.sizes(columns)
+        assert vector(again, x, columns) == pytest.approx(vector(nominal, x, columns))
+        assert again.size(columns) == nominal.size(columns) > 0
 
 
 def test_a_column_that_never_changes_and_a_trace_of_few_samples_have_none():
     constant = np.column_stack([loop(1)[:, 0], np.ones(N + 1)])
-    assert Innovations.of_nominal([constant]).sizes(COMMAND) == 0
+    assert Innovations.of_nominal([constant]).size(COMMAND) == 0
     few = Innovations.of_nominal([loop(1)[: LAGS[-1]]])
-    assert few.sizes(POSITION) == 0
-    assert few.vector(loop(1)[: LAGS[-1]], TIMES[: LAGS[-1]], float(LAGS[-1]), POSITION).size == 0
+    assert few.size(POSITION) == 0
+    assert vector(few, loop(1)[: LAGS[-1]], POSITION, TIMES[: LAGS[-1]]).size == 0

@@ -1,0 +1,137 @@
+"""Tests of the real machine beside the simulator: the difference of both, and what scatters in it.
+
+Data: observables of the real runs of each test, and of runs of the simulator at some sizes. The variance of their
+difference is that of the mean of the real runs and that of the mean of the simulated ones. Instruments and repeated
+runs of the machine add to the first (:mod:`.instruments`). Effects may make runs of the simulator scatter more.
+
+Units: sizes in typical sizes. Shapes: K parameters; of each test m observables, of which n are used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from s2r_spec.backend import Backend
+from s2r_spec.base.arrays import FloatArray
+from s2r_spec.diagnose.inference.hierarchical import DEGREES
+from s2r_spec.diagnose.inference.instruments import instrument_variance, white_noise
+from s2r_spec.diagnose.inference.observation import Observation
+from s2r_spec.diagnose.inference.prior import BACKGROUND
+from s2r_spec.diagnose.simulator.experiments import Experiment
+from s2r_spec.diagnose.simulator.response import ResponseLibrary, replicates
+from s2r_spec.diagnose.simulator.runs import SEED
+from s2r_spec.trace import Trace
+
+FEWEST = 5
+"""Level: tests from which on predictions decide which effects there are."""
+
+
+@dataclass(frozen=True)
+class RecordedTests:
+    """The real tests beside the simulator.
+
+    Attributes:
+        observations: of every test, without the errors of sums of responses.
+        machine: (n,) variance of the mean of a test's real runs.
+        scatter: (n,) variance of a run of the nominal simulator.
+        runs: number of real runs of every test.
+    """
+
+    observations: tuple[Observation, ...]
+    machine: tuple[FloatArray, ...]
+    scatter: tuple[FloatArray, ...]
+    runs: tuple[int, ...]
+
+    @classmethod
+    def of(
+        cls,
+        backend: Backend,
+        library: ResponseLibrary,
+        tests: Mapping[Experiment, Sequence[Trace]],
+    ) -> RecordedTests | None:
+        """Return the tests of experiment → real runs, with residuals; None where too few have something to show."""
+        every = []
+        for experiment, traces in tests.items():
+            response = library.response(experiment)
+            vectors = [response.observables.vector(trace) for trace in traces]
+            one = Observation.of(response, vectors, library.dependence)
+            whole = [each for each in vectors if np.isfinite(each[response.bins]).all()] or vectors
+            if one.parts:
+                nominal = experiment.with_residuals(experiment.run(backend, SEED), backend)
+                real, simulated = (white_noise(response.observables, each) for each in (traces, [nominal]))
+                beyond = {name: np.maximum(own - simulated[name], 0.0) for name, own in real.items()}
+                extra = instrument_variance(
+                    response.observables, response.nominal, beyond, max(map(len, traces))
+                )
+                every.append((one, np.array(whole)[:, one.kept], extra[one.kept]))
+        if len(every) < FEWEST:
+            return None
+        ratios = _replicate_ratios(every)
+        observations, machine, scatter = [], [], []
+        for one, runs, extra in every:
+            own = one.response.scatter[one.kept] ** 2
+            variance = own + extra
+            for name, places in one.parts:
+                variance[places] *= ratios[name]
+            plain = replace(one, law=0.0, form=np.zeros_like(one.form), spread=np.zeros_like(one.spread))
+            observations.append(plain)
+            scatter.append(own)
+            machine.append(variance / len(runs) + (one.variants**2).sum(axis=0) + 1e-12)
+        return cls(
+            tuple(observations),
+            tuple(machine),
+            tuple(scatter),
+            tuple(len(vectors) for _, vectors, _ in every),
+        )
+
+    def near(self, theta: FloatArray, rows: Sequence[FloatArray]) -> list[Observation]:
+        """Return the observations, corrected by (R, m) runs of every test at (K,) sizes.
+
+        As many runs as the library has of a response have its seeds. All begin with the seeds of the nominal runs.
+        """
+        found = []
+        for one, machine, scatter, real, own in zip(
+            self.observations, self.machine, self.scatter, self.runs, rows, strict=True
+        ):
+            same = len(own) == replicates(one.response.experiment)
+            correction = own.mean(axis=0) - (one.response.reference if same else one.response.nominal)
+            correction[one.kept] -= one.moved(theta)
+            beyond = np.zeros_like(scatter)
+            if len(own) > 1:
+                beyond = np.nan_to_num(own[:, one.kept].var(axis=0, ddof=1))
+                for _, places in one.parts:  # two runs say little about a single observable
+                    beyond[places] = 0.5 * (beyond[places] + beyond[places].mean())
+                beyond = np.maximum(beyond - scatter, 0.0)
+            noise = machine + beyond / real + (scatter + beyond) / len(own)
+            found.append(replace(one.corrected(correction, theta), noise=noise))
+        return found
+
+
+def _replicate_ratios(
+    every: Sequence[tuple[Observation, FloatArray, FloatArray]],
+) -> dict[tuple[str, str], float]:
+    """Return group → f_g, by which repeated real runs scatter more than simulated ones; at least 1."""
+    total: dict[tuple[str, str], float] = {}
+    free: dict[tuple[str, str], float] = {}
+    for one, vectors, extra in every:
+        for (name, places), size in zip(one.parts, one.effective.tolist(), strict=True):
+            total.setdefault(name, DEGREES)
+            free.setdefault(name, DEGREES)
+            if len(vectors) > 1:
+                variance = one.response.scatter[one.kept][places] ** 2 + extra[places] + 1e-12
+                ratio = vectors[:, places].var(axis=0, ddof=1) / variance
+                if np.isfinite(ratio).any():
+                    number = (len(vectors) - 1) * size
+                    total[name] += number * float(np.nanmean(ratio))
+                    free[name] += number
+    return {name: max(value / free[name], 1.0) for name, value in total.items()}
+
+
+def background(one: Observation) -> FloatArray:
+    """Return (n,) the variance by σ_bg of every parameter."""
+    each = [(curve.at(-BACKGROUND) ** 2 + curve.at(BACKGROUND) ** 2) / 2.0 for curve in one.curves]
+    alone = one.dependence.base < 0
+    return np.asarray(sum(own for own, counts in zip(each, alone, strict=True) if counts))
