@@ -18,11 +18,12 @@ import numpy as np
 from s2r_spec.backend import Backend
 from s2r_spec.base.arrays import FloatArray
 from s2r_spec.diagnose.inference.hierarchical import DEGREES, LARGEST
+from s2r_spec.diagnose.inference.misfit import Misfit, energies
 from s2r_spec.diagnose.inference.model_search import ModelPosterior, Set
 from s2r_spec.diagnose.inference.observation import Observation
-from s2r_spec.diagnose.inference.prediction import Candidate, Prediction, energies, fitted, weighted
+from s2r_spec.diagnose.inference.prediction import Candidate, fitted, weighted
 from s2r_spec.diagnose.inference.prior import NAMED, SLAB, UNNAMED, SizePrior
-from s2r_spec.diagnose.inference.recorded import RecordedTests, background
+from s2r_spec.diagnose.inference.recorded import Recorded
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import simulated_rows
 from s2r_spec.diagnose.simulator.response import ResponseLibrary, replicates
@@ -31,6 +32,8 @@ from s2r_spec.workers.pools import ExecutorFactory
 
 ERRORS = 2.0
 """Level: standard errors of paired differences from which on one set predicts better than another."""
+FEWEST = 5
+"""Level: tests from which on predictions decide which effects there are."""
 ALONE, BESIDE, LARGEST_SET = 6, 3, 4
 """Budget: single parameters, and further ones beside each of the two best sets, at which the simulator runs; causes of
 a set."""
@@ -59,7 +62,7 @@ class Predicted:
 
     posterior: ModelPosterior
     candidates: Mapping[Set, Candidate]
-    prediction: Prediction
+    misfit: Misfit
 
     def further(self, known: Collection[int]) -> Set:
         """Return the large causes of the best set that are not known, if no set without them predicts as well.
@@ -96,8 +99,8 @@ def predicted(
         executor: of the simulations.
         proposed: further sets with (K,) their sizes.
     """
-    data = RecordedTests.of(backend, library, tests)
-    if data is None:
+    data = Recorded.of(backend, library, tests)
+    if len(data.runs) < FEWEST:
         return None
     responses = [one.response for one in data.observations]
 
@@ -110,27 +113,16 @@ def predicted(
     if min(often, MOST) > max(replicates(one.experiment) for one in responses):
         search.run_finalists(min(often, MOST))
     posterior = weighted(search.found, prior)
-    left = _left(data, search.before, search.found[posterior.sets[0]].energy)
+    left = Misfit.of(data.observations, search.before, search.found[posterior.sets[0]].energy)
     return Predicted(posterior, search.found, left)
-
-
-def _left(data: RecordedTests, nominal: FloatArray, best: FloatArray) -> Prediction:
-    """Return how large the misfit of the nominal simulator is, and which part of it a set leaves, by (G,) energies."""
-    names = [name for one in data.observations for name, _ in one.parts]
-    size = np.concatenate([one.effective for one in data.observations])
-    each = {name: np.array([own == name for own in names]) for name in dict.fromkeys(names)}
-    before, after = ([float(one[own].mean()) for own in each.values()] for one in (nominal, best))
-    number = np.array([size[own].sum() for own in each.values()])
-    misfit, rest = (float(number @ np.log(np.maximum(one, 1.0))) for one in (before, after))
-    return Prediction(len(data.runs), misfit / float(number.sum()), rest / misfit if misfit else 0.0)
 
 
 class _Search:
     """The candidates so far. They grow."""
 
-    def __init__(self, data: RecordedTests, prior: SizePrior, simulate: Simulate) -> None:
+    def __init__(self, data: Recorded, prior: SizePrior, simulate: Simulate) -> None:
         self.data, self.prior, self.simulate = data, prior, simulate
-        self.background = [background(one) for one in data.observations]
+        self.background = data.background
         self.runs = 0
         self.found: dict[Set, Candidate] = {}
         self.before = np.zeros(0)
@@ -258,7 +250,7 @@ class _Search:
         return np.asarray(np.sum(each, axis=0))
 
 
-def _grid(data: RecordedTests, prior: SizePrior, k: int) -> FloatArray:
+def _grid(data: Recorded, prior: SizePrior, k: int) -> FloatArray:
     """Return (points, K) sizes of a parameter that a proposal tries: all that are no background.
 
     With each, its dependent parameters are nominal, or one of them has a size of the library.

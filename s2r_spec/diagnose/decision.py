@@ -8,7 +8,6 @@ the posterior mean of all. The better one counts. The first rule that holds deci
 | --- | --- | --- |
 | LEFT | a misfit shows, and the most probable set leaves over a quarter of it | none of these |
 | REMAINDER | the gap shows, some motion no effect explains, and named effects close less than 80 % | none of these |
-| MISFIT | the misfit is an alarm; a gap is not closed, or was not measured and something is named | none of these |
 | STAYS | surely not all is closed, and less than half with an effect named, else less than 80 % | none of these |
 | END | a named value is at the end of its range, and surely less than 80 % is closed | none of these |
 | MISTAKE | an effect is named, and a mistake of the recordings explains more | none of these |
@@ -24,8 +23,8 @@ An effect is *named* by its size alone (:mod:`.inference.estimates`): it is a fa
 another requirement. It does not count if its patch makes a material gap where there is none.
 
 These rules keep two promises. *No material gap* is never said of a gap that shows. No cause is named that surely leaves
-the gap. A misfit or a rest of the motion is no verdict where no gap is left: every machine differs from its simulator
-in ways that no requirement asks about.
+the gap. A rest of the motion is no verdict where no gap is left: every machine differs from its simulator in ways that
+no requirement asks about.
 """
 
 from __future__ import annotations
@@ -40,8 +39,7 @@ from s2r_spec.diagnose.gap.held_out import CLOSED, HeldOutGap
 from s2r_spec.diagnose.gap.materiality import Materiality
 from s2r_spec.diagnose.gap.shares import GONE
 from s2r_spec.diagnose.inference.estimates import EffectEstimate, Status
-from s2r_spec.diagnose.inference.goodness_of_fit import GoodnessOfFit
-from s2r_spec.diagnose.inference.prediction import Prediction
+from s2r_spec.diagnose.inference.misfit import Misfit
 from s2r_spec.diagnose.inference.prior import SURE
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.residuals.left import Remainder
@@ -63,7 +61,6 @@ class Rule(Enum):
 
     LEFT = "left", Verdict.UNKNOWN
     REMAINDER = "remainder", Verdict.UNKNOWN
-    MISFIT = "misfit", Verdict.UNKNOWN
     STAYS = "stays", Verdict.UNKNOWN
     END = "end", Verdict.UNKNOWN
     MISTAKE = "mistake", Verdict.UNKNOWN
@@ -94,7 +91,7 @@ class Evidence:
         effects: estimate of every effect.
         any_cause: probability that some effect is at least a quarter of typical.
         further: effects that are not named, without which no set predicts left-out tests as well.
-        prediction: what the most probable set leaves in the tests.
+        misfit: what the most probable set leaves of the difference of the traces.
         separations: what other experiments would say about each possible effect.
         left: motion that no effect explains.
         findings: suspected mistakes of the recordings.
@@ -103,11 +100,10 @@ class Evidence:
     effects: tuple[EffectEstimate, ...]
     any_cause: float
     further: tuple[str, ...] = ()
-    prediction: Prediction | None = None
+    misfit: Misfit | None = None
     separations: tuple[Separation, ...] = ()
     held_out: HeldOutGap | None = None
     materiality: Materiality | None = None
-    goodness: GoodnessOfFit | None = None
     left: Sequence[Remainder] = ()
     findings: Sequence[Finding] = ()
 
@@ -152,13 +148,10 @@ class Evidence:
         """Return the first rule that holds."""
         far, shows = self.held_out, self.shows
         named = bool(self.named) and not (far is not None and far.harmful)
-        if self.prediction is not None and self.prediction.rejected:
+        if self.misfit is not None and self.misfit.rejected:
             return Rule.LEFT
-        alarm = self.goodness is not None and self.goodness.alarm
         if shows and any(one.material for one in self.left) and not (far and far.explained):
             return Rule.REMAINDER
-        if alarm and ((shows and not (far and far.closed)) or (named and far is None)):
-            return Rule.MISFIT
         if far is not None and far.stays(CLOSED if named else GONE):
             return Rule.STAYS
         if far is not None and far.short and self.at_end:

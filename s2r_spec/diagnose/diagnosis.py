@@ -191,8 +191,7 @@ class Diagnosis(Result, Shown):
         provenance: version, seed, hashes.
         how_far: the gap on held-out real rollouts; None if there are too few.
         materiality: whether the gap matters; None for a diagnosis that was put together by hand.
-        goodness_of_fit: whether the effects explain the traces; None where that was not tested.
-        prediction: what the most probable set leaves in the tests; None with too few tests.
+        misfit: what the most probable set leaves of the difference of the traces.
         findings: suspected mistakes of the recordings; correct these first.
         assumptions: the assumptions, each in one sentence.
         notes: limits of the real rollouts, each in one sentence.
@@ -213,7 +212,7 @@ class Diagnosis(Result, Shown):
 
     JSON = (
         "schema *provenance verdict rule=rule.word reason which where how_far materiality "
-        "goodness_of_fit=evidence.goodness prediction=evidence.prediction left patch tuned passive assumptions notes "
+        "misfit=evidence.misfit left patch tuned passive assumptions notes "
         "findings=evidence.findings misread exit_code next"
     )
 

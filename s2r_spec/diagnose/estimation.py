@@ -25,9 +25,11 @@ from s2r_spec.base.errors import UsageError, one_of
 from s2r_spec.diagnose.candidates import Predicted, predicted
 from s2r_spec.diagnose.inference.gauss_newton import CLOSE, Errors, Fit, fit
 from s2r_spec.diagnose.inference.hierarchical import LAW_SHARE, Likelihood
+from s2r_spec.diagnose.inference.misfit import Misfit, energies
 from s2r_spec.diagnose.inference.model_search import ModelPosterior, Set, combine, nearest_mode, posterior
 from s2r_spec.diagnose.inference.observation import Observation, Problem
 from s2r_spec.diagnose.inference.prior import SizePrior
+from s2r_spec.diagnose.inference.recorded import Recorded
 from s2r_spec.diagnose.inference.search import search
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import simulated_rows
@@ -54,7 +56,8 @@ SIMULATED = 2
 class Estimate:
     """The fit of the mode nearest to the most probable set, its problem, and the posterior over all modes.
 
-    Where predictions of left-out tests give the posterior, the fit is the joint one, for forecasts alone.
+    Where predictions of left-out tests give the posterior, the fit is the joint one, for forecasts alone. The misfit
+    is what the posterior mean leaves; it is None without runs of the simulator there.
     """
 
     library: ResponseLibrary
@@ -62,6 +65,7 @@ class Estimate:
     posterior: ModelPosterior
     problem: Problem
     predicted: Predicted | None = None
+    misfit: Misfit | None = None
 
 
 def size_prior(library: ResponseLibrary) -> SizePrior:
@@ -115,7 +119,7 @@ def estimate(
         likely = list(zip(first.sets[:PROPOSED], first.mean[:PROPOSED], strict=True))
         found = predicted(backend, library, seen, prior, executor, likely)
         if found is not None:
-            return Estimate(library, joint, found.posterior, problem, found)
+            return Estimate(library, joint, found.posterior, problem, found, found.misfit)
     for _ in range(corrections):
         before, deviation = moments(first)
         problem = corrected(problem, before)
@@ -141,7 +145,29 @@ def estimate(
         theta = modes[members].fit.theta if members in modes else total.mean[row]
         modes |= fit_modes(library, {members: (corrected(problem, theta), theta)}, errors)
         total = over_modes(modes)
-    return replace(modes[nearest_mode(modes, total.sets[0])], posterior=total)
+    misfit = _misfit(backend, library, executor, seen, moments(total)[0]) if corrections else None
+    return replace(modes[nearest_mode(modes, total.sets[0])], posterior=total, misfit=misfit)
+
+
+def _misfit(
+    backend: Backend,
+    library: ResponseLibrary,
+    executor: ExecutorFactory | None,
+    seen: Mapping[Experiment, Sequence[Trace]],
+    theta: FloatArray,
+) -> Misfit:
+    """Return what the simulator leaves of all experiments at (K,) sizes."""
+    data = Recorded.of(backend, library, seen)
+    responses, nominal = [one.response for one in data.observations], np.zeros_like(theta)
+    before, after = (
+        energies(
+            data.near(sizes, simulated_rows(backend, responses, library.values(sizes), executor)),
+            data.background,
+            sizes,
+        )
+        for sizes in (nominal, theta)
+    )
+    return Misfit.of(data.observations, before, after)
 
 
 def further_effects(found: Estimate, named: Collection[str]) -> tuple[str, ...]:

@@ -50,7 +50,6 @@ from s2r_spec.diagnose.inference.estimates import (
     mean_sizes,
     with_status,
 )
-from s2r_spec.diagnose.inference.goodness_of_fit import goodness_of_fit
 from s2r_spec.diagnose.notes import notes
 from s2r_spec.diagnose.quality import findings
 from s2r_spec.diagnose.residuals.left import remainders
@@ -342,18 +341,16 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
     tuned = data.responses.values(mean_sizes(fitted.posterior))
     patch = {one.effect: one.values for one in with_status(sizes, Status.NAMED)}
     forecast, candidates = InformationForecast.of(fitted), data.candidates(bench, parts.train)
-    columns = {channel.name: channel.columns for channel in bench.backend.channels}
     tell("gap before and after", 0, 0)
     at_tests = compared_at_all_tests(bench, tests, nominal) if tests else None
     evidence = Evidence(
         sizes,
         any_cause(fitted.posterior),
         further_effects(fitted, patch),
-        fitted.predicted.prediction if fitted.predicted else None,
+        fitted.misfit,
         separations(forecast, [one.effect for one in with_status(sizes, Status.POSSIBLE)], candidates),
         held_out_gap(bench, parts.held_out, parts.train.tests, patch, tuned, nominal, at_tests),
         at_tests,
-        goodness=None if fitted.predicted else goodness_of_fit(fitted.problem, fitted.fit, columns=columns),
         left=remainders(work.counted("unexplained motion"), axes, used, tuned, seed, patch),
         findings=odd,
     )

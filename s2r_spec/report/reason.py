@@ -5,8 +5,7 @@ A gap is *material* on average over tests, and it *matters* at a test: both are 
 
 from __future__ import annotations
 
-from s2r_spec.attribution.place import Place, ValueRange
-from s2r_spec.diagnose.decision import Rule, Verdict
+from s2r_spec.diagnose.decision import Rule
 from s2r_spec.diagnose.diagnosis import Diagnosis
 from s2r_spec.diagnose.gap.shares import Share
 from s2r_spec.report.gap_words import gap_and_limit_words, join_names, largest_rest_words
@@ -28,7 +27,7 @@ def reason(diagnosis: Diagnosis) -> str:
             if diagnosis.rule is Rule.RIVALS:
                 others = join_names(diagnosis.evidence.further, "or")
                 sentences.append(f"A further cause is there, but the data do not tell which: {others}.")
-            sentences += [*_remainder(diagnosis), *_misfit(diagnosis)]
+            sentences += _remainder(diagnosis)
         case Rule.EITHER:
             rivals = join_names([one.effect for one in which.possible], "or")
             cause = f"There is a cause, but the data do not tell which: {rivals}."
@@ -38,7 +37,7 @@ def reason(diagnosis: Diagnosis) -> str:
         case Rule.NONE:
             like = f", most as with {join_names(which.nearest)}" if which.nearest else ""
             differ = [f"The traces do differ{like}."] if which.sets and which.sets[0][0] else []
-            sentences = [material, *differ, *_remainder(diagnosis), *_misfit(diagnosis), *_mistake(diagnosis)]
+            sentences = [material, *differ, *_remainder(diagnosis), *_mistake(diagnosis)]
         case Rule.ALIKE:
             cause = f"{_effects(diagnosis, 'explain')} the data, and {_imitation(diagnosis)}"
             sentences = [f"{cause} would do the same: check the recordings first."]
@@ -54,7 +53,7 @@ def reason(diagnosis: Diagnosis) -> str:
             ]
             if which.nearest:
                 sentences.append(f"The nearest is {join_names(which.nearest)} ({which.nearest_family}).")
-            sentences += [*_closes(diagnosis), *_prediction(diagnosis), *_misfit(diagnosis)]
+            sentences += [*_closes(diagnosis), *_misfit(diagnosis)]
     return " ".join(sentences)
 
 
@@ -123,26 +122,12 @@ def _part(what: str, one: bool, share: Share, of: str) -> str:
 
 
 def _misfit(diagnosis: Diagnosis) -> list[str]:
-    """Return that the traces fit no set of effects, if they do not, and where the misfit is largest."""
-    goodness = diagnosis.evidence.goodness
-    if goodness is None or not goodness.alarm:
-        return []
-    worst = goodness.worst
-    place = Place(ValueRange(worst.begin, worst.end), worst.part)
-    least = f"least of all {worst.quantity} of {worst.experiment} {place}"
-    fits = f"No set of effects fits the traces (p = {goodness.p:.2g}), {least}."
-    if diagnosis.verdict is Verdict.UNKNOWN:
-        return [fits]
-    return [fits, "Something differs that this requirement does not need."]
-
-
-def _prediction(diagnosis: Diagnosis) -> list[str]:
     """Return how much the most probable set leaves, where it is rejected for that."""
-    prediction = diagnosis.evidence.prediction
-    if prediction is None or not prediction.rejected:
+    misfit = diagnosis.evidence.misfit
+    if misfit is None or not misfit.rejected:
         return []
-    part = f"{100.0 * min(prediction.left, 1.0):.0f} %"
-    return [f"The best set of effects leaves {part} of how the traces of the tests differ."]
+    part = f"{100.0 * min(misfit.left, 1.0):.0f} %"
+    return [f"The best set of effects leaves {part} of how the traces differ."]
 
 
 def _remainder(diagnosis: Diagnosis) -> list[str]:

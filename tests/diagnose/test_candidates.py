@@ -99,7 +99,7 @@ def named(answer):
 
 def misfit(answer):
     """Return the part of the observables in which a misfit shows, and the part of it that is left."""
-    return answer.prediction.shown, answer.prediction.left
+    return answer.misfit.shown, answer.misfit.left
 
 
 def interval(answer, name):
@@ -113,7 +113,7 @@ def test_what_nobody_added_is_no_cause(responses, nothing):
         assert answer.posterior.sets[0] == ()
         assert answer.posterior.probability[0] > 0.8
         assert (answer.posterior.beyond() < 0.05).all()
-        assert not answer.prediction.rejected
+        assert not answer.misfit.rejected
 
 
 def test_two_effects_that_interact_are_found_with_their_sizes(responses):

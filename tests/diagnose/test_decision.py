@@ -11,8 +11,7 @@ from s2r_spec.diagnose.gap.held_out import compare
 from s2r_spec.diagnose.gap.materiality import Failures, Materiality, RolloutsAtTest, materiality
 from s2r_spec.diagnose.gap.shares import gap
 from s2r_spec.diagnose.inference.estimates import EffectEstimate, ParameterEstimate
-from s2r_spec.diagnose.inference.goodness_of_fit import GoodnessOfFit, Misfit
-from s2r_spec.diagnose.inference.prediction import Prediction
+from s2r_spec.diagnose.inference.misfit import Misfit
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.residuals.left import Remainder
 from s2r_spec.diagnose.simulator.experiments import Experiment
@@ -36,9 +35,7 @@ def far(tuned, named=None, size=1.0, seen=None):
     return compare(real, [left[0], *(real - each for each in left[1:])], TESTS, 0.01, 0.1, "m", seen)
 
 
-WORST = Misfit(Experiment("chirp"), "q", "bin", "FR calf", 0.2, 0.4)
-ALARM, FITS = (GoodnessOfFit(p, 0.05, WORST) for p in (0.001, 0.4))
-EXPLAINED, UNEXPLAINED, SMALL = (Prediction(10, *each) for each in ((0.5, 0.1), (0.5, 0.26), (0.05, 0.9)))
+EXPLAINED, UNEXPLAINED, SMALL = (Misfit(10, *each) for each in ((0.5, 0.1), (0.5, 0.26), (0.05, 0.9)))
 PUSH = Remainder("force", 0, "", "q", 0.1, 0.12, 25.0, "N", "m", 1.4)
 CLOCK = Finding("late", "x", "x comes late", "a wrong clock")
 SAME = replace(CLOCK, same=True)
@@ -72,14 +69,6 @@ def evidence(effects=(A,), any_cause=0.99, **more):
         (evidence((MAYBE,), 0.4, held_out=far(0.9)), Rule.SPREAD),
         (evidence((MAYBE,), 0.4, held_out=far(0.7)), Rule.STAYS),
         (evidence((MAYBE,), 0.97, held_out=far(0.9)), Rule.EITHER),
-        # A misfit counts where a gap is left, or nobody measured what is.
-        (evidence(held_out=far(0.7, 0.6), goodness=ALARM), Rule.MISFIT),
-        (evidence(held_out=far(1.0, 0.95), goodness=ALARM), Rule.EFFECT),
-        (evidence(held_out=far(1.0, 0.95, size=0.05), goodness=ALARM), Rule.EFFECT),
-        (evidence(goodness=ALARM), Rule.MISFIT),
-        (evidence(goodness=FITS), Rule.EFFECT),
-        (evidence((), 0.0, materiality=MATTERS, goodness=ALARM), Rule.MISFIT),
-        (evidence((), 0.0, materiality=NOWHERE, goodness=ALARM), Rule.NONE),
         # Motion that no effect explains counts until named effects close the gap.
         (evidence(held_out=far(1.0, 0.7), left=(PUSH,)), Rule.REMAINDER),
         (evidence((MAYBE,), 0.4, held_out=far(1.0), left=(PUSH,)), Rule.REMAINDER),
@@ -93,10 +82,10 @@ def evidence(effects=(A,), any_cause=0.99, **more):
         (evidence(findings=(SPIKE,)), Rule.EFFECT),
         (evidence((), 0.0, findings=(CLOCK,)), Rule.NONE),
         # A set that leaves more than a quarter of the misfit is rejected by size, where a misfit shows at all.
-        (evidence(held_out=far(1.0, 0.95), prediction=EXPLAINED), Rule.EFFECT),
-        (evidence(held_out=far(1.0, 0.95), prediction=UNEXPLAINED), Rule.LEFT),
-        (evidence((), 0.0, materiality=NOWHERE, prediction=UNEXPLAINED), Rule.LEFT),
-        (evidence(held_out=far(1.0, 0.95), prediction=SMALL), Rule.EFFECT),
+        (evidence(held_out=far(1.0, 0.95), misfit=EXPLAINED), Rule.EFFECT),
+        (evidence(held_out=far(1.0, 0.95), misfit=UNEXPLAINED), Rule.LEFT),
+        (evidence((), 0.0, materiality=NOWHERE, misfit=UNEXPLAINED), Rule.LEFT),
+        (evidence(held_out=far(1.0, 0.95), misfit=SMALL), Rule.EFFECT),
         # A further cause that is needed, and is one of several, is no small matter.
         (evidence(held_out=far(1.0, 0.95), further=("b", "c")), Rule.RIVALS),
         (evidence((), 0.0, further=("b",)), Rule.NONE),
@@ -124,18 +113,18 @@ def test_the_first_rule_that_holds_decides(found, rule):
     ],
 )
 @pytest.mark.parametrize("any_cause", [0.0, 0.5, 1.0])
-@pytest.mark.parametrize("goodness", [None, ALARM, FITS])
-def test_no_material_gap_is_never_said_of_a_gap_that_shows(shown, any_cause, goodness):
-    found = evidence((), any_cause, goodness=goodness, **shown)
+@pytest.mark.parametrize("left", [None, EXPLAINED, UNEXPLAINED])
+def test_no_material_gap_is_never_said_of_a_gap_that_shows(shown, any_cause, left):
+    found = evidence((), any_cause, misfit=left, **shown)
     assert found.shows
     assert found.rule().verdict is not Verdict.NONE
-    assert not evidence((), any_cause, goodness=goodness, materiality=NOWHERE).shows
+    assert not evidence((), any_cause, misfit=left, materiality=NOWHERE).shows
 
 
 @pytest.mark.parametrize("share", [-1.0, 0.0, 0.2, 0.4, 0.45])
 @pytest.mark.parametrize(
     "more",
-    [{}, {"findings": (SAME,)}, {"separations": (SETTLED,)}, {"goodness": FITS}, {"materiality": NOWHERE}],
+    [{}, {"findings": (SAME,)}, {"separations": (SETTLED,)}, {"misfit": EXPLAINED}, {"materiality": NOWHERE}],
 )
 def test_no_cause_is_named_that_surely_leaves_the_gap(share, more):
     found = evidence((A, MAYBE), held_out=far(share, share), **more)

@@ -107,8 +107,7 @@ def test_two_causes_are_named_together(find):
 def test_a_cause_that_the_catalogue_lacks_is_none_of_these(find):
     found = find(logs({}, 14, 12, extra="gust"))
     assert (found.verdict, found.which.answer, found.patch) == (Verdict.UNKNOWN, (), {})
-    assert found.which.nearest_family
-    assert found.left[0].material
+    assert found.left[0].low == pytest.approx(1.0, abs=0.1)
 
 
 @pytest.mark.parametrize(
@@ -201,9 +200,7 @@ def test_a_budget_below_the_screen_and_a_wrong_protocol_get_one_sentence(find):
         find(of, 24, Toy(), TOY, protocols=("shwo",))
 
 
-def test_order_of_channels_and_of_the_catalogue_and_a_declared_cost_change_nothing(
-    find, rubbing, monkeypatch, tmp_path
-):
+def test_order_of_channels_and_of_the_catalogue_change_nothing(find, rubbing, monkeypatch, tmp_path):
     @dataclass(frozen=True)
     class Turned(Machine):
         def rollout(self, params, seed):
@@ -213,7 +210,7 @@ def test_order_of_channels_and_of_the_catalogue_and_a_declared_cost_change_nothi
     of = Turned()
     object.__setattr__(of, "truth", (("coulomb", 1.5),))
     monkeypatch.setattr(s2r_cart, "EFFECTS", tuple(reversed(EFFECTS)))
-    turned = replace(Cart(), cost=20.0, channels=tuple(reversed(Cart().channels)))
+    turned = replace(Cart(), channels=tuple(reversed(Cart().channels)))
     found = s2r.diagnose(CART, turned, of, 16, cache=tmp_path, where=False)
     assert found.rule is rubbing.rule
     assert found.which.membership == pytest.approx(rubbing.which.membership, abs=2e-3)

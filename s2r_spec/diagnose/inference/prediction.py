@@ -49,9 +49,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.base.arrays import FloatArray
-from s2r_spec.base.json_types import Count
-from s2r_spec.base.json_values import Shown
 from s2r_spec.diagnose.inference.hierarchical import DEGREES, LAW_SHARE, SHARED, TINY, Groups
+from s2r_spec.diagnose.inference.misfit import energies
 from s2r_spec.diagnose.inference.model_search import KEPT, ModelPosterior, Set
 from s2r_spec.diagnose.inference.observation import Observation
 from s2r_spec.diagnose.inference.prior import UNNAMED, SizePrior
@@ -72,33 +71,6 @@ NEAR = 1e-9
 """Tolerance: a size this near to a bound lies on it, in typical sizes."""
 FIRST = 0.7
 """Tolerance: part of the first step that is taken, since the scales still move."""
-QUARTER = 0.25
-"""Level: part of the misfit that is left, from which on a set is rejected."""
-SHOWS = 0.1
-"""Level: mean logarithm of mean squares from which on a misfit shows: with less, what a set leaves is scatter. Chosen
-on machines of `benchmarks/blind/development.py`, which are therefore validation."""
-
-
-@dataclass(frozen=True)
-class Prediction(Shown):
-    """How much the most probable set leaves of the tests, at its sizes from all of them.
-
-    Attributes:
-        tests: number of tests.
-        shown: misfit of the nominal simulator beyond scatter and background: mean logarithm of the mean squares.
-        left: part of this misfit that the most probable set leaves.
-    """
-
-    tests: Count
-    shown: float
-    left: float
-
-    JSON = "tests shown left rejected"
-
-    @property
-    def rejected(self) -> bool:
-        """Whether a misfit shows, and the set leaves more than a quarter of it."""
-        return self.shown >= SHOWS and self.left > QUARTER
 
 
 @dataclass(frozen=True)
@@ -314,22 +286,6 @@ def fitted(
     step, scales, _ = tests.fitted(np.ones(tests.test.size, dtype=bool), own)
     deviation, score = np.sqrt(tests.variance(own, step, scales)), tests.left_out(own, scales)
     return Candidate(members, theta, deviation, score, energy, tests.information(scales))
-
-
-def energies(
-    observations: Sequence[Observation], background: Sequence[FloatArray], theta: FloatArray
-) -> FloatArray:
-    """Return (G,) the mean square that (K,) sizes leave in each group, in units of scatter, background and laws.
-
-    Laws of another author may leave the part ρ0 of every response, wherever in its group.
-    """
-    found = []
-    for one, small in zip(observations, background, strict=True):
-        square = one.residual(theta) ** 2
-        law = LAW_SHARE**2 * one.squares(theta)
-        known = one.noise + small
-        found += [float((square[own] / (known[own] + law[own].mean())).mean()) for _, own in one.parts]
-    return np.array(found)
 
 
 def weighted(candidates: Mapping[Set, Candidate], prior: SizePrior) -> ModelPosterior:

@@ -1,10 +1,10 @@
-"""Tests of the real machine beside the simulator: the difference of both, and what scatters in it.
+"""Experiments of the real machine beside the simulator: the difference of both, and what scatters in it.
 
-Data: observables of the real runs of each test, and of runs of the simulator at some sizes. The variance of their
+Data: observables of the real runs of each experiment, and of runs of the simulator at some sizes. The variance of their
 difference is that of the mean of the real runs and that of the mean of the simulated ones. Instruments and repeated
 runs of the machine add to the first (:mod:`.instruments`). Effects may make runs of the simulator scatter more.
 
-Units: sizes in typical sizes. Shapes: K parameters; of each test m observables, of which n are used.
+Units: sizes in typical sizes. Shapes: K parameters; of each experiment m observables, of which n are used.
 """
 
 from __future__ import annotations
@@ -25,19 +25,16 @@ from s2r_spec.diagnose.simulator.response import ResponseLibrary, replicates
 from s2r_spec.diagnose.simulator.runs import SEED
 from s2r_spec.trace import Trace
 
-FEWEST = 5
-"""Level: tests from which on predictions decide which effects there are."""
-
 
 @dataclass(frozen=True)
-class RecordedTests:
-    """The real tests beside the simulator.
+class Recorded:
+    """The experiments of the real machine beside the simulator.
 
     Attributes:
-        observations: of every test, without the errors of sums of responses.
-        machine: (n,) variance of the mean of a test's real runs.
+        observations: of every experiment, without the errors of sums of responses.
+        machine: (n,) variance of the mean of its real runs.
         scatter: (n,) variance of a run of the nominal simulator.
-        runs: number of real runs of every test.
+        runs: number of its real runs.
     """
 
     observations: tuple[Observation, ...]
@@ -50,11 +47,11 @@ class RecordedTests:
         cls,
         backend: Backend,
         library: ResponseLibrary,
-        tests: Mapping[Experiment, Sequence[Trace]],
-    ) -> RecordedTests | None:
-        """Return the tests of experiment → real runs, with residuals; None where too few have something to show."""
+        runs: Mapping[Experiment, Sequence[Trace]],
+    ) -> Recorded:
+        """Return those of experiment → real runs, with residuals, that have something to show."""
         every = []
-        for experiment, traces in tests.items():
+        for experiment, traces in runs.items():
             response = library.response(experiment)
             vectors = [response.observables.vector(trace) for trace in traces]
             one = Observation.of(response, vectors, library.dependence)
@@ -67,28 +64,27 @@ class RecordedTests:
                     response.observables, response.nominal, beyond, max(map(len, traces))
                 )
                 every.append((one, np.array(whole)[:, one.kept], extra[one.kept]))
-        if len(every) < FEWEST:
-            return None
         ratios = _replicate_ratios(every)
         observations, machine, scatter = [], [], []
-        for one, runs, extra in every:
+        for one, rows, extra in every:
             own = one.response.scatter[one.kept] ** 2
             variance = own + extra
             for name, places in one.parts:
-                variance[places] *= ratios[name]
+                variance[places] *= ratios[one.response.experiment.protocol, name]
             plain = replace(one, law=0.0, form=np.zeros_like(one.form), spread=np.zeros_like(one.spread))
             observations.append(plain)
             scatter.append(own)
-            machine.append(variance / len(runs) + (one.variants**2).sum(axis=0) + 1e-12)
-        return cls(
-            tuple(observations),
-            tuple(machine),
-            tuple(scatter),
-            tuple(len(vectors) for _, vectors, _ in every),
-        )
+            machine.append(variance / len(rows) + (one.variants**2).sum(axis=0) + 1e-12)
+        number = tuple(len(rows) for _, rows, _ in every)
+        return cls(tuple(observations), tuple(machine), tuple(scatter), number)
+
+    @property
+    def background(self) -> list[FloatArray]:
+        """The (n,) variance by σ_bg of every parameter, in each experiment."""
+        return [background(one) for one in self.observations]
 
     def near(self, theta: FloatArray, rows: Sequence[FloatArray]) -> list[Observation]:
-        """Return the observations, corrected by (R, m) runs of every test at (K,) sizes.
+        """Return the observations, corrected by (R, m) runs of every experiment at (K,) sizes.
 
         As many runs as the library has of a response have its seeds. All begin with the seeds of the nominal runs.
         """
@@ -112,12 +108,13 @@ class RecordedTests:
 
 def _replicate_ratios(
     every: Sequence[tuple[Observation, FloatArray, FloatArray]],
-) -> dict[tuple[str, str], float]:
-    """Return group → f_g, by which repeated real runs scatter more than simulated ones; at least 1."""
-    total: dict[tuple[str, str], float] = {}
-    free: dict[tuple[str, str], float] = {}
+) -> dict[tuple[str, tuple[str, str]], float]:
+    """Return protocol and group → f_g, by which repeated real runs scatter more than simulated ones; at least 1."""
+    total: dict[tuple[str, tuple[str, str]], float] = {}
+    free: dict[tuple[str, tuple[str, str]], float] = {}
     for one, vectors, extra in every:
-        for (name, places), size in zip(one.parts, one.effective.tolist(), strict=True):
+        for (group, places), size in zip(one.parts, one.effective.tolist(), strict=True):
+            name = one.response.experiment.protocol, group
             total.setdefault(name, DEGREES)
             free.setdefault(name, DEGREES)
             if len(vectors) > 1:
