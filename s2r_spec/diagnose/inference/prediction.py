@@ -15,10 +15,11 @@ Score of a set, with θ and s_g from all tests but t:
     ℓ_t(A) = Σ_g log p(y_tg | y_−t, A),   a Student's t of N_g numbers, scale s_g u_tg, ν + Σ_{t' ≠ t} N_g degrees
 
 Left-out tests do not show an error of the laws, which is the same in all of them. An effect j whose law is off by the
-part ρ0 changes the score along effect k by up to ρ0 θ_j O_jk, O_jk = Σ_g (J_g,jj J_g,kk)^½, with the information J_g of
-a group. So of the difference of the scores of two sets, a step D of sizes apart, the part 1/(1 + Q_D/J_D) counts:
+part ρ0 has an error of shape in every kind κ of group, of any direction among its N_κ numbers. It changes the score
+along a step D of sizes by ρ0 θ_j O_Dj. So of the difference of the scores of two sets, D apart, the part
+1/(1 + Q_D/J_D) counts:
 
-    J_D = Σ_g J_g,DD,   Q_D = ρ0² Σ_k θ_k² (Σ_g (J_g,DD J_g,kk)^½)²
+    O_Dj² = Σ_κ (Σ_{g in κ} (J_g,DD J_g,jj)^½)²/N_κ,   J_D = Σ_g J_g,DD,   Q_D = ρ0² Σ_j θ_j² O_Dj²
 
 θ is that of the worse set: its laws may be wrong, and no error of a law makes an effect of none. J_g is that of the
 better set, but J is not more than the scores have along D. The probability of a set is its
@@ -28,7 +29,7 @@ an effect: it makes s_g large in all others.
 
 Within a set, θ has the covariance of the fit and three errors that more tests do not lower:
 
-    Σ_A + diag(jackknife_k + σ_c² + ρ0² Σ_j θ_j² (O_jk/J_kk)²)
+    Σ_A + diag(jackknife_k + σ_c² + ρ0² θ_k² + ρ0² Σ_{j ≠ k} θ_j² O_kj²/J_kk²)
 
 The jackknife leaves out one group in all tests at a time: it grows where quantities disagree about a size, since the
 machine's law is another one. σ_c and ρ0 are the errors of laws of another author (:mod:`.hierarchical`), which leave no
@@ -148,18 +149,19 @@ class Tests:
             found.append(float(density.sum()))
         return np.array(found)
 
-    def information(self, scales: FloatArray) -> FloatArray:
-        """Return (G, K, K) every group's information about the sizes, under (kinds,) scales."""
+    def information(self, scales: FloatArray) -> Information:
+        """Return every group's information about the sizes, under (kinds,) scales."""
         weight = self.groups.size / scales[self.kind]
         effects = self.theta.size
-        return np.asarray(weight[:, None, None] * self.groups.gram[:, :effects, :effects])
+        each = np.asarray(weight[:, None, None] * self.groups.gram[:, :effects, :effects])
+        return Information(each, self.kind, self.groups.size)
 
     def variance(self, prior: SetPrior, step: FloatArray, scales: FloatArray) -> FloatArray:
         """Return (K,) the variance of every size: of the fit, by the jackknife over groups, and by other laws."""
         effects = self.theta.size
         weight = self.groups.size / scales[self.kind]
         precision = np.tensordot(weight, self.groups.gram, 1)
-        law = law_variances(self.information(scales), self.theta + step[:effects])
+        law = self.information(scales).law_variances(self.theta + step[:effects])
         precision[range(effects), range(effects)] += prior.precision
         precision[range(effects, len(precision)), range(effects, len(precision))] += 1.0
         fit = np.diag(np.linalg.inv(precision))[:effects]
@@ -169,18 +171,41 @@ class Tests:
         return np.asarray(fit + jackknife + SHARED**2 + law)
 
 
-def overlap(information: FloatArray, direction: FloatArray) -> FloatArray:
-    """Return (K,) Σ_g (J_D,g J_g,kk)^½, with the (G, K, K) information along (K,) a direction of sizes."""
-    along = np.maximum(np.einsum("i,gij,j->g", direction, information, direction, optimize=True), 0.0)
-    own = np.maximum(np.einsum("gii->gi", information), 0.0)
-    return np.asarray(np.sqrt(along) @ np.sqrt(own))
+@dataclass(frozen=True)
+class Information:
+    """What the groups of all tests say about the sizes.
 
+    Attributes:
+        each: (G, K, K) information J_g.
+        kind: (G,) number of the quantity and statistic of every group.
+        size: (G,) N_g.
+    """
 
-def law_variances(information: FloatArray, theta: FloatArray) -> FloatArray:
-    """Return (K,) the variance of every size by laws of another author, at (K,) sizes."""
-    own = np.sqrt(np.maximum(np.einsum("gii->gi", information), 0.0))
-    shared = own.T @ own
-    return np.asarray(LAW_SHARE**2 * (shared / np.maximum(np.diag(shared)[:, None], TINY)) ** 2 @ theta**2)
+    each: FloatArray
+    kind: NDArray[np.int64]
+    size: FloatArray
+
+    def along(self, direction: FloatArray) -> FloatArray:
+        """Return (G,) J_g,DD along (K,) a step of sizes."""
+        found = np.einsum("i,gij,j->g", direction, self.each, direction, optimize=True)
+        return np.asarray(np.maximum(found, 0.0))
+
+    def overlaps(self, along: FloatArray) -> FloatArray:
+        """Return (K,) O_D,k² = Σ_κ (Σ_g∈κ (J_g,DD J_g,kk)^½)²/N_κ, with (G,) J_g,DD."""
+        own = np.sqrt(np.maximum(np.einsum("gii->gi", self.each), 0.0)) * np.sqrt(along)[:, None]
+        kinds = range(int(self.kind.max(initial=-1)) + 1)
+        sums = np.array([own[self.kind == kind].sum(axis=0) for kind in kinds]).reshape(-1, own.shape[1])
+        number = np.array([self.size[self.kind == kind].mean() for kind in kinds])
+        return np.asarray((sums**2 / number[:, None]).sum(axis=0))
+
+    def law_variances(self, theta: FloatArray) -> FloatArray:
+        """Return (K,) the variance of every size by laws of another author, at (K,) sizes."""
+        own = np.maximum(np.einsum("gii->gi", self.each), 0.0)
+        others = np.array([self.overlaps(each) for each in own.T])
+        total = np.maximum(own.sum(axis=0), TINY)
+        others = others / total[:, None] ** 2
+        np.fill_diagonal(others, 1.0)
+        return np.asarray(LAW_SHARE**2 * others @ theta**2)
 
 
 def part_left(better: Candidate, worse: Candidate) -> float:
@@ -188,12 +213,11 @@ def part_left(better: Candidate, worse: Candidate) -> float:
 
     J is the information at the better set, but no more along the difference than the scores have.
     """
-    difference, information = worse.theta - better.theta, better.information
-    along = float(np.einsum("i,gij,j->", difference, information, difference, optimize=True))
-    score = 2.0 * float((better.score - worse.score).sum())
+    each = better.information.along(worse.theta - better.theta)
+    along, score = float(each.sum()), 2.0 * float((better.score - worse.score).sum())
     if not along > 0.0:
         return 1.0
-    errors = LAW_SHARE**2 * float(worse.theta**2 @ overlap(information, difference) ** 2)
+    errors = LAW_SHARE**2 * float(worse.theta**2 @ better.information.overlaps(each))
     return 1.0 / (1.0 + min(score / along, 1.0) * errors / along)
 
 
@@ -250,7 +274,7 @@ class Candidate:
         theta, deviation: (K,) sizes and their standard deviations.
         score: (T,) log predictive density of each test, from the others.
         energy: (G,) mean square of each group, in units of scatter and background.
-        information: (G, K, K) of each group about the sizes.
+        information: of each group about the sizes.
     """
 
     members: Set
@@ -258,7 +282,7 @@ class Candidate:
     deviation: FloatArray
     score: FloatArray
     energy: FloatArray
-    information: FloatArray
+    information: Information
 
 
 def fitted(

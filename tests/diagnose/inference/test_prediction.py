@@ -304,25 +304,40 @@ def candidate(theta, score, information):
     return prediction.Candidate((), theta, np.ones(theta.size), np.array([score]), blank, information)
 
 
-TOGETHER, APART = (np.array(each) for each in (
-    [np.diag([400.0, 100.0]), np.diag([400.0, 100.0])],
-    [np.diag([800.0, 0.0]), np.diag([0.0, 200.0])],
-))  # fmt: skip
-"""Information of two groups about two effects, which show in the same groups, or in different ones."""
+def informed(*each, number=4.0):
+    """Return the information of groups of two kinds, one test each, about two effects."""
+    return prediction.Information(np.array([np.diag(one) for one in each]), np.arange(2), np.full(2, number))
+
+
+TOGETHER = informed([400.0, 100.0], [400.0, 100.0])
+APART = informed([800.0, 0.0], [0.0, 200.0])
 
 
 def test_a_second_effect_counts_as_far_as_the_law_of_the_first_is_known():
-    """With a first effect of 30 standard errors a tenth of it is 3 of the second, which has 3."""
-    with_both, alone = [1.0, 0.2], [1.0, 0.0]
-    for information, expected in ((TOGETHER, 1.0 / 9.0), (APART, 1.0)):
-        better, worse = candidate(with_both, 0.0, information), candidate(alone, -100.0, information)
+    """The law of the first is off by 2 standard errors in both groups, in one of four directions."""
+    for information, expected in ((TOGETHER, 0.5), (APART, 1.0)):
+        better, worse = candidate([1.0, 0.2], 0.0, information), candidate([1.0, 0.0], -100.0, information)
         assert prediction.part_left(better, worse) == pytest.approx(expected, rel=0.02)
-    assert prediction.part_left(candidate(alone, 0.0, TOGETHER), candidate(alone, 0.0, TOGETHER)) == 1.0
+    alone = candidate([1.0, 0.0], 0.0, TOGETHER)
+    assert prediction.part_left(alone, alone) == 1.0
 
 
 def test_no_error_of_a_law_makes_an_effect_of_none():
     both, nothing = candidate([1.0, 0.2], 0.0, TOGETHER), candidate([0.0, 0.0], -400.0, TOGETHER)
     assert prediction.part_left(both, nothing) == 1.0
+
+
+def test_tests_of_one_kind_share_the_error_of_a_law():
+    """Twice the tests say twice as much, and an error of the law does not average out."""
+    twice = prediction.Information(
+        np.tile(TOGETHER.each, (2, 1, 1)), np.tile(TOGETHER.kind, 2), np.full(4, 4.0)
+    )
+    parts = [
+        prediction.part_left(candidate([1.0, 0.2], 0.0, own), candidate([1.0, 0.0], -100.0, own))
+        for own in (TOGETHER, twice)
+    ]
+    assert parts[1] == pytest.approx(1.0 / 3.0, rel=0.02)
+    assert parts[1] < parts[0]
 
 
 def test_a_small_difference_of_scores_counts_more():
@@ -335,8 +350,7 @@ def test_a_small_difference_of_scores_counts_more():
 
 
 def test_a_size_is_known_to_a_tenth_of_the_effects_in_its_groups():
-    alone = prediction.law_variances(TOGETHER, np.array([0.5, 0.0]))
+    alone = TOGETHER.law_variances(np.array([0.5, 0.0]))
     assert alone[0] == pytest.approx(0.05**2)
-    assert alone[1] == pytest.approx((0.1 * 0.5 * 2.0) ** 2)
-    apart = prediction.law_variances(APART, np.array([0.5, 0.0]))
-    assert apart[1] == pytest.approx(0.0)
+    assert alone[1] == pytest.approx(0.05**2 * 2.0 * 400.0 * 100.0 / 4.0 / 200.0**2)
+    assert APART.law_variances(np.array([0.5, 0.0]))[1] == pytest.approx(0.0)
