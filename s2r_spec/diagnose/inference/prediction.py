@@ -154,7 +154,17 @@ class Tests:
         weight = self.groups.size / scales[self.kind]
         effects = self.theta.size
         each = np.asarray(weight[:, None, None] * self.groups.gram[:, :effects, :effects])
-        return Information(each, self.kind, self.groups.size)
+        return Information(each, self.kind, self.groups.size, self.law_share())
+
+    def law_share(self) -> float:
+        """Return the posterior mean of ρ², by what is left at the point."""
+        size, theta = self.groups.size, self.theta
+        effects = theta.size
+        gram = self.groups.gram[:, :effects, :effects]
+        signal = float(size @ np.einsum("i,gij,j->g", theta, gram, theta, optimize=True))
+        rest = max(float(size @ (self.groups.energy - 1.0)), 0.0)
+        number = float(size.sum()) / (int(self.test.max()) + 1)
+        return (DEGREES * LAW_SHARE**2 + number * rest / max(signal, TINY)) / (DEGREES + number)
 
     def variance(self, prior: SetPrior, step: FloatArray, scales: FloatArray) -> FloatArray:
         """Return (K,) the variance of every size: of the fit, by the jackknife over groups, and by other laws."""
@@ -179,11 +189,13 @@ class Information:
         each: (G, K, K) information J_g.
         kind: (G,) number of the quantity and statistic of every group.
         size: (G,) N_g.
+        law: ρ², the squared part by which the laws of effects are off.
     """
 
     each: FloatArray
     kind: NDArray[np.int64]
     size: FloatArray
+    law: float = LAW_SHARE**2
 
     def along(self, direction: FloatArray) -> FloatArray:
         """Return (G,) J_g,DD along (K,) a step of sizes."""
@@ -203,9 +215,9 @@ class Information:
         own = np.maximum(np.einsum("gii->gi", self.each), 0.0)
         others = np.array([self.overlaps(each) for each in own.T])
         total = np.maximum(own.sum(axis=0), TINY)
-        others = others / total[:, None] ** 2
-        np.fill_diagonal(others, 1.0)
-        return np.asarray(LAW_SHARE**2 * others @ theta**2)
+        others = self.law * others / total[:, None] ** 2
+        np.fill_diagonal(others, LAW_SHARE**2)
+        return np.asarray(others @ theta**2)
 
 
 def part_left(better: Candidate, worse: Candidate) -> float:
@@ -217,7 +229,7 @@ def part_left(better: Candidate, worse: Candidate) -> float:
     along, score = float(each.sum()), 2.0 * float((better.score - worse.score).sum())
     if not along > 0.0:
         return 1.0
-    errors = LAW_SHARE**2 * float(worse.theta**2 @ better.information.overlaps(each))
+    errors = better.information.law * float(worse.theta**2 @ better.information.overlaps(each))
     return 1.0 / (1.0 + min(score / along, 1.0) * errors / along)
 
 
