@@ -59,7 +59,5 @@ def test_a_diagnosis_names_its_stages_and_counts_to_the_end_of_each(tmp_path):
             raise InterruptedError
 
     with pytest.raises(InterruptedError):
-        s2r.diagnose(
-            s2r.parse_spec(SPEC), Short(), Machine(), 9, cache=tmp_path, progress=until_the_estimate
-        )
+        s2r.diagnose(s2r.parse_spec(SPEC), Short(), Machine(), 9, cache=tmp_path, progress=until_the_estimate)
     assert "simulating every effect" not in {stage for stage, _, _ in progress}
