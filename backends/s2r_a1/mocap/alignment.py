@@ -106,10 +106,12 @@ def align(poses: Poses, attitude: FloatArray, gyro: Gyro) -> Alignment:
     begin, end = ((one + arrival + lags[0] - gyro.times[0]) / STEP for one in (start, stop))
     share = (start[-1] - start[0]) / (len(start) - 1) / WINDOW
     fits = []
-    for lag in range(len(lags)):
+    for place in range(len(lags)):
         # Windows outside the gyroscope's recording do not count; both ends of the windows rise.
-        own = slice(np.searchsorted(begin + lag, 0.0), np.searchsorted(end + lag, len(angle) - 1.0, "right"))
-        turned = _at(angle, end[own] + lag) - _at(angle, begin[own] + lag)
+        own = slice(
+            np.searchsorted(begin + place, 0.0), np.searchsorted(end + place, len(angle) - 1.0, "right")
+        )
+        turned = _at(angle, end[own] + place) - _at(angle, begin[own] + place)
         fits.append(_fit(tracked[own], turned / (stop - start)[own, None], share))
     log_bayes = np.array([fit.log_bayes for fit in fits])
     best = fits[int(log_bayes.argmax())]
