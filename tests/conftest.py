@@ -18,6 +18,9 @@ from hypothesis import settings
 # The tests are the parallelism: threads beside them wait for each other, and cost a quarter of all time.
 for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(threads, "1")
+# Hundreds of processes import the package: where none may keep its bytecode, each compiles it anew.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 from s2r_spec.backend import registry  # noqa: E402
 from s2r_spec.runs import lines, repeatability, task  # noqa: E402

@@ -6,11 +6,13 @@ that it imports; a floor is one more than the highest floor below it.
 
 import ast
 import sys
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 
 
+@cache
 def imported(path: Path, package: str = "s2r_spec") -> set[str]:
     """Return every module of a package that a file imports, at any depth of nesting."""
     found = set()

@@ -4,6 +4,7 @@ import os
 import resource
 import signal
 import stat
+import sys
 
 import numpy as np
 import pytest
@@ -25,8 +26,9 @@ def target(tmp_path):
 
 
 @pytest.fixture
-def small_disk():
+def small_disk(monkeypatch):
     """No file may grow beyond 100 bytes, as on a disk that is nearly full."""
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # Python would cut it, and say nothing
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     handled = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))

@@ -215,7 +215,7 @@ def test_no_help_loads_a_library_of_numbers_or_of_pictures():
         assert not {"pydantic", "rich.console", "rich.markdown"} & {*modules}, words
 
 
-def test_a_command_that_fits_no_surrogate_loads_no_torch(tmp_path):
+def test_a_command_of_small_work_loads_little(tmp_path):
     """Commands whose result needs a Gaussian process find out first whether their files exist."""
     spec, trace = "specs/a1_velocity.stl", "specs/traces/a1_velocity_fails.csv"
     whole = [
@@ -234,8 +234,8 @@ def test_a_command_that_fits_no_surrogate_loads_no_torch(tmp_path):
         )
 
 
-@pytest.mark.parametrize("name", ["monitor", "log", "report", "replay", "plan"])
-def test_a_command_without_a_search_loads_no_torch(name, tmp_path, toy):
+@pytest.mark.parametrize("name", ["monitor", "log", "report", "replay", "plan", "check"])
+def test_a_command_loads_no_torch(name, tmp_path, toy):
     """Each on a small input, and in a process of its own."""
     spec, trace, run = "specs/a1_velocity.stl", "specs/traces/a1_velocity_fails.csv", tmp_path / "run"
     words = {
@@ -244,7 +244,9 @@ def test_a_command_without_a_search_loads_no_torch(name, tmp_path, toy):
         "report": [str(run)],
         "replay": [f"{run}#0.0"],
         "plan": ["--R", "0.1", "--eps", "0.1", "--delta", "0.1", "--B", "0.3"],
+        "check": [str(tmp_path / "small.stl"), "--backend", "toy", "--budget", "16", "--run", str(run)],
     }[name]
+    (tmp_path / "small.stl").write_text(SMALL)
     if name in ("report", "replay"):
         requirement = s2r.parse_spec(SMALL, str(tmp_path / "small.stl"))
         s2r.check(requirement, "toy", run, budget=16, executor=lambda: ThreadPoolExecutor(1))

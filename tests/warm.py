@@ -7,7 +7,6 @@ from io import StringIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import gpytorch  # noqa: F401
 import numba  # noqa: F401
 import numpy.ma  # noqa: F401
 import scipy.stats  # noqa: F401

@@ -44,7 +44,7 @@ def report(
         else:
             form = Form(as_json=as_json, form=form, output=output, page=None).settled()
         # JSON has all digits, and equals that of the run.
-        runs = recompute_all(run, exact=form == "json")
+        runs = recompute_all(run)
         result = report_of([one.result for one in runs], "s2r report")
         if page:
             path = output or run / "report.html"

@@ -1,21 +1,18 @@
 """Recompute a result from its folder: the searches get the journals' outcomes, and nothing is simulated.
 
-An exact result is that of the run, bit for bit. Else covariances come from the kernel's closed form, without torch:
-the search chooses the same tests, and its numbers are the same up to rounding. Where rounding decides a test, the
-result is exact, too.
+The result is that of the run, bit for bit, if the version of s2r and of the numerical libraries is.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from s2r_spec.base.errors import UsageError
 from s2r_spec.certify.bound.certificate import Certificate
-from s2r_spec.certify.bound.kernels import ClosedForm
 from s2r_spec.certify.from_spec import search_for
 from s2r_spec.certify.gap import gap_search
 from s2r_spec.certify.options import RunOptions
@@ -79,7 +76,6 @@ class RecomputedCertify:
     gap: RecomputedGap | None
 
 
-T = TypeVar("T")
 Certified = CheckResult | GapResult | CertifyResult
 Run = Recomputed | RecomputedGap | RecomputedCertify
 Outcomes = Mapping[tuple[int, int], tuple[Mapping[str, float], float]]
@@ -109,37 +105,28 @@ def kind(folder: Path) -> RunKind:
     return RunKind.CHECK
 
 
-class OtherTestsError(UsageError):
-    """The search chooses tests that differ from the recorded ones."""
-
-
-def recompute_all(folder: Path, exact: bool = True) -> Sequence[Run]:
+def recompute_all(folder: Path) -> Sequence[Run]:
     """Return the result of every requirement of a run; see :func:`recompute`."""
-    return _all(folder, True) if exact else _closed_or_exact(lambda exact: _all(folder, exact))
-
-
-def _all(folder: Path, exact: bool) -> Sequence[Run]:
     match kind(folder):
         case RunKind.GAP:
-            return [recompute_gap(folder, exact=exact)]
+            return [recompute_gap(folder)]
         case RunKind.CERTIFY:
-            return [recompute_certify(folder, exact=exact)]
+            return [recompute_certify(folder)]
         case RunKind.CHECK:
-            return [recompute(one, exact) for one in runs_in(folder)]
+            return [recompute(one) for one in runs_in(folder)]
 
 
 def recompute_again(result: Certified) -> Run:
-    """Return a result from its folder, for a page; it need not be exact. See :func:`recompute`."""
+    """Return a result from its folder, for a page; see :func:`recompute`."""
     if isinstance(result, CheckResult):
-        return _closed_or_exact(lambda exact: recompute(result.folder, exact))
+        return recompute(result.folder)
     if isinstance(result, GapResult):
-        return _closed_or_exact(lambda exact: recompute_gap(result.folder, exact=exact))
-    folder = result.simulated.folder.parent
-    return _closed_or_exact(lambda exact: recompute_certify(folder, result.real, exact))
+        return recompute_gap(result.folder)
+    return recompute_certify(result.simulated.folder.parent, result.real)
 
 
-def recompute(folder: Path, exact: bool = True) -> Recomputed:
-    """Return the result of a finished or unfinished check; if it need not be ``exact``, without torch.
+def recompute(folder: Path) -> Recomputed:
+    """Return the result of a finished or unfinished check.
 
     Raises:
         UsageError: there is no rollout yet, the run belongs to a gap, the journal is damaged, or this version of s2r
@@ -155,7 +142,7 @@ def recompute(folder: Path, exact: bool = True) -> Recomputed:
     spec, header = load_run_spec(journal), journal.header
     requirement, records = header["requirement"], journal.records()
     journal.check_traces()
-    search = _with_kernel(search_for(spec, requirement, _options(header)), exact)
+    search = search_for(spec, requirement, _options(header))
     _same_settings(search, header, folder)
     outcomes = {(one.query, one.replicate): (one.params, -one.rho) for one in records}
     history = _replay(search, header, outcomes, folder)
@@ -167,7 +154,7 @@ def recompute(folder: Path, exact: bool = True) -> Recomputed:
     return Recomputed(spec, result, search, history, tuple(records), len(records) - counted)
 
 
-def recompute_gap(folder: Path, simulated: Search | None = None, exact: bool = True) -> RecomputedGap:
+def recompute_gap(folder: Path, simulated: Search | None = None) -> RecomputedGap:
     """Return the bound of a finished or unfinished gap; see :func:`recompute`.
 
     ``simulated`` is search 1 of a certify, on which the verdict depends; without it s2r reads the folder beside this
@@ -180,10 +167,10 @@ def recompute_gap(folder: Path, simulated: Search | None = None, exact: bool = T
     header = journals["real"].header
     spec = _of_both(folder, journals)
     per_real = header["simulated_per_real"]
-    search = _with_kernel(gap_search(spec, header["requirement"], _options(header), per_real), exact)
+    search = gap_search(spec, header["requirement"], _options(header), per_real)
     _same_settings(search, header, folder)
     if search.settings.repeats or stop_of(header) == DECIDED:
-        first = simulated or recompute(folder.parent / SIMULATION, exact).search
+        first = simulated or recompute(folder.parent / SIMULATION).search
         search.end_when(lambda: decides(first, search))
     pairs = pairs_of(journals, per_real)
     if not pairs:
@@ -213,14 +200,14 @@ def _refuse_pilot(folder: Path, journal: Journal) -> None:
         )
 
 
-def recompute_certify(folder: Path, real: str | None = None, exact: bool = True) -> RecomputedCertify:
+def recompute_certify(folder: Path, real: str | None = None) -> RecomputedCertify:
     """Return the certificate of both steps; ``real`` is the machine of a run whose second search did not begin."""
-    simulated = recompute(folder / SIMULATION, exact)
+    simulated = recompute(folder / SIMULATION)
     if real is not None and not simulated.result.certificate.label.bounds:
         return RecomputedCertify(
             simulated.spec, refused_in_simulation(simulated.result, real), simulated, None
         )
-    gap = recompute_gap(folder / GAP, simulated.search, exact)
+    gap = recompute_gap(folder / GAP, simulated.search)
     first, second = simulated.result.provenance, gap.result.provenance
     for key in ("spec_hash", "requirement", "seed"):
         if first[key] != second[key]:
@@ -232,22 +219,6 @@ def recompute_certify(folder: Path, real: str | None = None, exact: bool = True)
         )
     result = conclude_certify(simulated.search, gap.search, simulated.result, gap.result)
     return RecomputedCertify(simulated.spec, result, simulated, gap)
-
-
-def _closed_or_exact(compute: Callable[[bool], T]) -> T:
-    """Return a result that need not be exact; it is exact where rounding decides a test."""
-    try:
-        return compute(False)
-    except OtherTestsError:
-        return compute(True)
-
-
-def _with_kernel(search: Search, exact: bool) -> Search:
-    """Return a search before its first batch, with GPyTorch's kernel if it is ``exact``, else with the closed form."""
-    kernel = search.kernel
-    if exact:
-        return search
-    return Search.of(replace(search.settings, kernel=ClosedForm(kernel.name, kernel.lengthscale)))
 
 
 def _of_both(folder: Path, journals: Mapping[str, Journal]) -> Spec:
@@ -299,7 +270,7 @@ def _answer(query: Query, outcomes: Outcomes, folder: Path) -> list[float]:
     answers = {key: outcomes[key] for key in keys if key in outcomes}
     for (index, replicate), (params, _) in answers.items():
         if dict(params) != query.point:
-            raise OtherTestsError(
+            raise UsageError(
                 f"rollout {index}.{replicate} of {folder} was run at {dict(params)}, but the search now chooses "
                 f"{query.point}: the numerical libraries differ from the libraries of the run"
             )

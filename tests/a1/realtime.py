@@ -21,6 +21,7 @@ from s2r_a1.twin import Twin, TwinSettings, read_inject
 from s2r_a1.twin.server import Server
 from s2r_a1.undisturbed import undisturbed
 from s2r_a1.wire import A1, unpack_orders
+from s2r_spec.certify.bound.kernels import Kernel
 from s2r_spec.errors import BackendError
 from tests.a1.rig import STAND_ON, damping
 from tests.a1.robots import end_guard
@@ -123,11 +124,8 @@ def _client(line, robot):
 
 def _search(line, robot):
     """Attend the robot from a process with the memory of a search, until it is killed."""
-    import gpytorch
-    import torch
-
-    x = torch.linspace(0.0, 1.0, 8)
-    gpytorch.kernels.RBFKernel()(x).to_dense()
+    points = np.linspace(0.0, 1.0, 500)[:, None]
+    np.linalg.eigh(Kernel("rbf", 0.3).gram(points, points))
     operator, _ = start(robot)
     line.send("attends")
     select.select([operator], [], [])

@@ -55,8 +55,10 @@ def gyro(seed=1):
 WANTED = np.arange(1.0, 2.0, 0.002)
 
 
-@pytest.mark.parametrize("late", [0.0, 0.05, 0.26, 0.36, 0.5])
-@pytest.mark.parametrize("noise", [0.0, 1e-4, 1.4e-4])
+@pytest.mark.parametrize(
+    ("late", "noise"),
+    [(0.0, 1e-4), (0.05, 1e-4), (0.26, 0.0), (0.26, 1.4e-4), (0.36, 1e-4), (0.5, 0.0), (0.5, 1.4e-4)],
+)
 def test_the_offset_between_the_clocks_is_found_whatever_the_network_delays(late, noise):
     """Markers have about 0.1 mm and 1 mrad of noise; a delay of 0.4 s is one of the trot's periods."""
     seen = velocity(poses(late=late, noise=noise), Placing(), gyro(), WANTED)
@@ -70,7 +72,7 @@ def test_the_offset_between_the_clocks_is_found_whatever_the_network_delays(late
 
 def test_the_error_of_the_offset_is_as_stated():
     rates = gyro()
-    off = [velocity(poses(noise=1e-4, seed=seed), Placing(), rates, WANTED).alignment for seed in range(20)]
+    off = [velocity(poses(noise=1e-4, seed=seed), Placing(), rates, WANTED).alignment for seed in range(12)]
     scaled = np.array([(one.offset - AHEAD) / one.error for one in off])
     assert np.mean(np.abs(scaled) < 2.0) >= 0.8  # 0.95, if the model holds exactly
 

@@ -20,7 +20,12 @@ KERNEL = Kernel("matern52", 0.3)
 def searched(worst, budget=3000, B=1.5):
     """Return a search that has ended, of a function of norm |worst| that is largest in the middle of the box."""
     search = Search(LINE, kernel=KERNEL, B=B, R=0.02, delta=0.05, epsilon=0.08, budget=budget)
-    run(search, lambda points: worst * KERNEL.gram(points[None], [[0.15]])[0], 0.02, np.random.default_rng(0))
+    run(
+        search,
+        lambda points: worst * KERNEL.gram(points[None], np.array([[0.15]]))[0],
+        0.02,
+        np.random.default_rng(0),
+    )
     return search
 
 

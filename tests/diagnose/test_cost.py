@@ -18,7 +18,7 @@ class AnnouncedError(Exception):
 
 
 class Announced:
-    """A progress that keeps the cost and the machines of all rollouts before it; it may end the diagnosis then."""
+    """A progress that keeps the cost, and the machines of all rollouts before it. It may end the diagnosis then."""
 
     def __init__(self, ran, end=False):
         self.ran, self.end, self.cost, self.before = ran, end, None, []

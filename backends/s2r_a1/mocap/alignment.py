@@ -105,10 +105,14 @@ def align(poses: Poses, attitude: FloatArray, gyro: Gyro) -> Alignment:
     angle = gyro.angle(STEP)
     begin, end = ((one + arrival + lags[0] - gyro.times[0]) / STEP for one in (start, stop))
     share = (start[-1] - start[0]) / (len(start) - 1) / WINDOW
-    fits = [
-        _fit(tracked, (_at(angle, end + lag) - _at(angle, begin + lag)) / (stop - start)[:, None], share)
-        for lag in range(len(lags))
-    ]
+    fits = []
+    for place in range(len(lags)):
+        # Windows outside the gyroscope's recording do not count; both ends of the windows rise.
+        own = slice(
+            np.searchsorted(begin + place, 0.0), np.searchsorted(end + place, len(angle) - 1.0, "right")
+        )
+        turned = _at(angle, end[own] + place) - _at(angle, begin[own] + place)
+        fits.append(_fit(tracked[own], turned / (stop - start)[own, None], share))
     log_bayes = np.array([fit.log_bayes for fit in fits])
     best = fits[int(log_bayes.argmax())]
     if np.isfinite(best.log_bayes):
@@ -135,11 +139,10 @@ def align(poses: Poses, attitude: FloatArray, gyro: Gyro) -> Alignment:
 
 
 def _at(values: FloatArray, places: FloatArray) -> FloatArray:
-    """Return (n, 3) values at (n,) places between the rows of (k, 3) values; NaN beyond its ends."""
-    row = np.clip(places.astype(np.intp), 0, len(values) - 2)
-    share = places - row
-    share[(share < 0.0) | (share > 1.0)] = np.nan
-    between: FloatArray = values[row] + share[:, None] * (values[row + 1] - values[row])
+    """Return (n, 3) values at (n,) places between the rows of (k, 3) values, from 0 to k − 1."""
+    row = np.minimum(places.astype(np.intp), len(values) - 2)
+    here, after = values.take(row, axis=0), values.take(row + 1, axis=0)
+    between: FloatArray = here + (places - row)[:, None] * (after - here)
     return between
 
 
@@ -152,14 +155,12 @@ class _Fit(NamedTuple):
 
 
 def _fit(tracked: FloatArray, measured: FloatArray, share: float) -> _Fit:
-    """Fit (n, 3) angular velocities of the body by the gyroscope's, which are NaN outside its recording.
+    """Fit (n, 3) angular velocities of the body by the gyroscope's.
 
     ``share`` is the number of independent windows for a pose.
     """
-    inside = np.isfinite(measured[:, 0])
-    if np.count_nonzero(inside) < LEAST:
+    if len(tracked) < LEAST:
         return _Fit(-np.inf, 0.0, 0.0)
-    tracked, measured = tracked[inside], measured[inside]
     tracked, measured = tracked - tracked.mean(axis=0), measured - measured.mean(axis=0)
     # About z, a rotation by ψ of the two other axes is a factor exp(iψ).
     across = np.vdot(tracked[:, 0] + 1j * tracked[:, 1], measured[:, 0] + 1j * measured[:, 1])

@@ -1,8 +1,8 @@
 """Kernels: the smoothness that a certificate assumes of the objective.
 
-The covariance functions of a search are GPyTorch's. An estimate before a search, and a report after it, take their
-closed forms, which are equal up to rounding: torch loads for seconds. This module adds the interpolation bound, which
-turns bounds at the corners of a cell into one over the cell.
+The covariances are closed forms; those of the engine ``gpytorch`` are GPyTorch's, which are equal up to rounding, and
+need torch, which loads for seconds. This module adds the interpolation bound, which turns bounds at the corners of a
+cell into one over the cell.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -120,22 +120,12 @@ class Kernel:
         kernel.lengthscale = torch.from_numpy(self.lengthscales(dim).copy())
         return kernel.requires_grad_(False)
 
-    def closed_form(self, left: FloatArray, right: FloatArray) -> FloatArray:
-        """Return :meth:`gram` by the formula of the kernel, whose rounding differs from GPyTorch's."""
+    def gram(self, left: FloatArray, right: FloatArray) -> FloatArray:
+        """Return (n, m) values k(left_i, right_j) for (n, dim) and (m, dim) points."""
         squares = np.zeros((len(left), len(right)))
         for axis, lengthscale in enumerate(self.lengthscales(left.shape[1])):
             squares += ((left[:, axis, None] - right[:, axis]) / lengthscale) ** 2
         return FAMILIES[self.name].covariance(np.sqrt(squares))
-
-    def gram(self, left: FloatArray, right: FloatArray) -> FloatArray:
-        """Return (n, m) values k(left_i, right_j) for (n, dim) and (m, dim) points."""
-        import torch
-
-        with torch.no_grad():
-            values = _torch(self, left.shape[1])(
-                torch.from_numpy(np.array(left)), torch.from_numpy(np.array(right))
-            ).to_dense()
-        return values.numpy()  # type: ignore[no-any-return]
 
     def hidden(self, sides: FloatArray) -> FloatArray:
         """Return (…, dim) contributions of each axis of (…, dim) cell sides to :meth:`interpolation`."""
@@ -165,15 +155,3 @@ class Kernel:
         """Return (dim,) cell sides with an interpolation bound of ``error``, shared equally by the axes."""
         family = FAMILIES[self.name]
         return np.asarray(self.lengthscales(dim) * (error / (dim * family.constant)) ** (1 / family.power))
-
-
-@dataclass(frozen=True)
-class ClosedForm(Kernel):
-    """A kernel whose :meth:`gram` is its closed form."""
-
-    gram = Kernel.closed_form
-
-
-@cache
-def _torch(kernel: Kernel, dim: int) -> Any:
-    return kernel.torch(dim)

@@ -101,7 +101,7 @@ class DesignRegion:
         part = Space.of(dict(zip(space.names, ends, strict=True)))
         points = part.grid(tuple(int(count) for count in counts))
         log_number = float(np.log(wide / fits).sum())
-        return cls(part, points, kernel.closed_form(points, points), float(np.exp(min(log_number, 600.0))))
+        return cls(part, points, kernel.gram(points, points), float(np.exp(min(log_number, 600.0))))
 
 
 def _longest_side(wide: FloatArray, spacing: float) -> float:

@@ -189,8 +189,8 @@ def _random_objective(effort: Effort, settings: SearchSettings, rng: np.random.G
     region = effort.region
     centres = rng.uniform(region.space.lower, region.space.upper, (SECTIONS, region.space.dim))
     weights = rng.normal(size=SECTIONS)
-    values = settings.kernel.closed_form(region.points, centres) @ weights
-    norm = math.sqrt(float(weights @ settings.kernel.closed_form(centres, centres) @ weights))
+    values = settings.kernel.gram(region.points, centres) @ weights
+    norm = math.sqrt(float(weights @ settings.kernel.gram(centres, centres) @ weights))
     spread = float(values.max() - values.min())
     scale = min(VARIATION * effort.epsilon / spread, float(effort.norms[0]) / 2 / norm)
     return Objective.of(scale * values)
