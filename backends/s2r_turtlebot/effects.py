@@ -168,19 +168,23 @@ class TurtlebotWithEffects(TurtlebotBackend):
         return replace(self, added=choose("turtlebot", CATALOGUE, self.added, values))
 
     def commands(self, trace: Trace, params: Mapping[str, float]) -> Trace:
-        """Return ``v`` and ``w`` of the law at the recorded poses; see :class:`s2r_spec.backend.HasControlLaw`.
+        """Return ``v`` and ``w`` of the law at the recorded poses, and the distances of these.
 
-        A sample has the command of the tick that led to it, so that of the pose one sample before.
+        See :class:`s2r_spec.backend.HasControlLaw`. A sample has the command of the tick that led to it, so that of
+        the pose one sample before.
         """
-        if not {"x", "y", "heading", "v", "w"} <= set(trace.channels):
+        if not {"x", "y"} <= set(trace.channels):
             return trace.only(())
         ox, oy = read_test(self.name, self.parameters, params).values()
-        poses = zip(*(trace[name].tolist() for name in ("x", "y", "heading")), strict=True)
-        look = self._physics.look
-        law = np.array([(np.nan, np.nan), *(command(look(*pose), ox, oy, self.constants) for pose in poses)])[
-            :-1
-        ]
-        return trace.only(["v", "w"]).with_channels(lambda name, _: law[:, ("v", "w").index(name)])
+        x, y, goal = trace["x"], trace["y"], self.constants.goal
+        law = {"d_goal": np.hypot(x - goal[0], y - goal[1]), "d_obs": np.hypot(x - ox, y - oy)}
+        if "heading" in trace.channels:
+            look, nothing = self._physics.look, (np.nan, np.nan)
+            poses = zip(*(each.tolist() for each in (x, y, trace["heading"])), strict=True)
+            sent = [nothing, *(command(look(*pose), ox, oy, self.constants) for pose in poses)]
+            law["v"], law["w"] = np.array(sent[:-1]).T
+        law = {name: values for name, values in law.items() if name in trace.channels}
+        return trace.only(law).with_channels(lambda name, _: law[name])
 
     @property
     def _physics(self) -> Physics:

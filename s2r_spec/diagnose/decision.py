@@ -6,6 +6,7 @@ the posterior mean of all. The better one counts. The first rule that holds deci
 
 | rule | condition | verdict |
 | --- | --- | --- |
+| BROKEN | recordings break the law of the controller: nothing is estimated from them | none of these |
 | LEFT | a misfit shows, and the most probable set leaves over a quarter of what it explains | none of these |
 | REMAINDER | the gap shows, some motion no effect explains, and named effects close less than 80 % | none of these |
 | MISFIT | the misfit is an alarm; a gap is not closed, or was not measured and something is named | none of these |
@@ -61,6 +62,7 @@ class Verdict(Toned):
 class Rule(Enum):
     """The rule behind a verdict; see the table of this module."""
 
+    BROKEN = "broken", Verdict.UNKNOWN
     LEFT = "left", Verdict.UNKNOWN
     REMAINDER = "remainder", Verdict.UNKNOWN
     MISFIT = "misfit", Verdict.UNKNOWN
@@ -152,6 +154,8 @@ class Evidence:
         """Return the first rule that holds."""
         far, shows = self.held_out, self.shows
         named = bool(self.named) and not (far is not None and far.harmful)
+        if any(one.certain for one in self.findings):
+            return Rule.BROKEN
         if self.prediction is not None and self.prediction.rejected:
             return Rule.LEFT
         alarm = self.goodness is not None and self.goodness.alarm

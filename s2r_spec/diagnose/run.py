@@ -32,7 +32,7 @@ from s2r_spec.diagnose.data.rollouts import RealRollouts, Rollouts, as_experimen
 from s2r_spec.diagnose.data.space_filling import representative, star
 from s2r_spec.diagnose.data.split import TrainHeldOut, split
 from s2r_spec.diagnose.decision import Evidence
-from s2r_spec.diagnose.diagnosis import Diagnosis, Which
+from s2r_spec.diagnose.diagnosis import Diagnosis, Provenance, Which
 from s2r_spec.diagnose.estimation import Estimate, estimate, further_effects
 from s2r_spec.diagnose.experiment_design.identifiability import Candidate, separations
 from s2r_spec.diagnose.experiment_design.next_test import next_test
@@ -52,7 +52,7 @@ from s2r_spec.diagnose.inference.estimates import (
 )
 from s2r_spec.diagnose.inference.goodness_of_fit import goodness_of_fit
 from s2r_spec.diagnose.notes import notes
-from s2r_spec.diagnose.quality import findings
+from s2r_spec.diagnose.quality import Finding, certain_findings, likely_findings
 from s2r_spec.diagnose.residuals.left import remainders
 from s2r_spec.diagnose.simulator.axes import Values
 from s2r_spec.diagnose.simulator.bench import Bench, TestRun, refuse_machine, travels
@@ -148,9 +148,14 @@ def diagnose(
         work = _Work(replace(bench, pool=pool), seed, tell, kept)
         if isinstance(real, Backend) and not isinstance(real, HasRecordings):
             data = _campaign(work, real, budget, folder, protocols, passive)
+            rollouts = data.rollouts
         else:
-            data = _recordings(work, real, budget, protocols, passive)
-        diagnosis = _answer(work, data, where)
+            rollouts, data = recorded_rollouts(work.bench, real, budget, passive), None
+        tell("checking the recordings", 0, 0)
+        if broken := certain_findings(work.bench, rollouts.tests):
+            diagnosis = _refused(work, rollouts, broken)
+        else:
+            diagnosis = _answer(work, data or _recordings(work, rollouts, protocols, passive), where)
     return replace(diagnosis, notes=(*diagnosis.notes, *dict.fromkeys(kept.notes)), spec=spec, real=called)
 
 
@@ -277,10 +282,7 @@ def _campaign(
     return replace(before, rollouts=rollouts, parts=split(rollouts, work.seed, fixed.held_out))
 
 
-def _recordings(
-    work: _Work, real: Rollouts | Backend, budget: int | None, protocols: Sequence[str] | None, passive: bool
-) -> _Data:
-    rollouts = recorded_rollouts(work.bench, real, budget, passive)
+def _recordings(work: _Work, rollouts: RealRollouts, protocols: Sequence[str] | None, passive: bool) -> _Data:
     run = list(dict.fromkeys(experiment for experiment, _ in rollouts.protocols))
     runnable, _ = allowed_experiments(work.bench.backend, work.bench.backend, () if passive else protocols)
     others = () if passive else _protocols(work.bench, [*run, *runnable])
@@ -329,7 +331,7 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
     bench, seed, tell = work.bench, work.seed, work.tell
     tests, parts, axes = data.rollouts.tests, data.parts, data.responses.parameters
     used = [*parts.train.tests, *parts.held_out]
-    odd = findings(work.counted("checking the recordings"), tests, axes)
+    odd = likely_findings(work.counted("checking the recordings"), tests, axes)
     # Tests at which a rollout ended early come last, so that an accident changes no seed of another test.
     ordered = sorted(tests, key=lambda run: run[1].failure is not None)
     nominal = Nominal.of(work.counted("simulating all tests"), [test for test, _ in ordered], seed)
@@ -363,20 +365,38 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
         Which(evidence, by_effects(fitted.posterior, axes), upcoming),
         _locate(work, used, tuned) if want_where and used else None,
         tuned,
-        {
-            "s2r": version(),
-            "seed": seed,
-            "spec_hash": bench.spec.hash,
-            "requirement": bench.requirement,
-            "backend": bench.backend.name,
-            "model_hash": bench.backend.model_hash,
-            "rollouts": len(data.rollouts.tests) + len(data.rollouts.protocols),
-            "held_out": len(parts.held_out),
-        },
+        _provenance(work, data.rollouts, len(parts.held_out)),
         ASSUMPTIONS,
         (*lacking, *data.rollouts.notes),
         passive=not data.rollouts.protocols,
     )
+
+
+def _refused(work: _Work, rollouts: RealRollouts, broken: Sequence[Finding]) -> Diagnosis:
+    """Return the answer from recordings that no machine can explain: their mistakes, and no estimate."""
+    return Diagnosis(
+        Which(Evidence((), 0.0, findings=broken), ()),
+        None,
+        {},
+        _provenance(work, rollouts, 0),
+        ASSUMPTIONS,
+        (*(each.text for each in broken), *rollouts.notes),
+        passive=not rollouts.protocols,
+    )
+
+
+def _provenance(work: _Work, rollouts: RealRollouts, held_out: int) -> Provenance:
+    bench = work.bench
+    return {
+        "s2r": version(),
+        "seed": work.seed,
+        "spec_hash": bench.spec.hash,
+        "requirement": bench.requirement,
+        "backend": bench.backend.name,
+        "model_hash": bench.backend.model_hash,
+        "rollouts": len(rollouts.tests) + len(rollouts.protocols),
+        "held_out": held_out,
+    }
 
 
 def _locate(work: _Work, rollouts: Sequence[TestRun], improved: Values) -> Where:

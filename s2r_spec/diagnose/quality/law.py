@@ -1,125 +1,187 @@
-"""Mistakes that the controller's own law shows: exactly, and without a simulation.
+"""Mistakes that the controller's own law shows: exactly, and before any estimate.
 
-Data: n recordings y_i with commands u_i (T_i, m). The simulator knows the law u = κ(y) of its controller
-(:class:`s2r_spec.backend.HasControlLaw`), which is the same on the machine. Unknown: a mistake g of a family: two
-columns of one unit exchanged, or a channel of the opposite sign. Model:
+Data: n recordings y_i of single channels. The simulator knows what the controller computes, u = κ_θ(y, test)
+(:class:`s2r_spec.backend.HasControlLaw`), which is the same on the machine. Unknown: a mistake g of one family
+(:mod:`.law_family`, and recordings of another test), and the sizes θ of the few effects that bear on κ (a sensor's
+error in the controller's eyes). Model, with u among the columns of y:
 
-    κ(g⁻¹(y_i)) = g⁻¹(u_i) + ε_i,    rms ε ≤ FLOOR · range(u)
+    u_i = [g κ_θ(g⁻¹ y_i)] + e_i,    e_i white
 
-Estimator: the g of least rms ε, over all recordings and the command that shows it best. It is a finding where the law
-holds with g undone, fails as recorded, and no more than CLEAR of the error is left. Physics has no part in it: a
-machine with any effect obeys its own controller's law.
+Physics has no part in it: a machine with any other effect obeys its controller's law. Estimator: least squares of e in
+x and θ, for each form and group of channels. The misfit of a commanded channel is what of e is not white, in parts of
+its range: its autocovariance at one sample, with two standard errors of that of white noise,
 
-Units: ε in parts of a command's range. Source: parity relations (Gertler 1998, ch. 5; Isermann 2006, §10).
+    m² = (Σ e_k e_k+1 / N ± 2 Σ e_k² / N^1.5) / range²,    at least RESOLUTION²
+
+Finding: m > FLOOR as recorded whatever θ is, and without g the product of all m is smaller by CLEAR, and one broken m
+is below FLOOR and CLEAR of what it was. Only recordings that break the law are compared. Of mistakes that do as well,
+that with the fewest sizes and channels is the answer.
+
+Units: m dimensionless. Source: parity relations (Gertler 1998, ch. 5; Isermann 2006, §10).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
 from s2r_spec.backend import HasControlLaw
-from s2r_spec.base.arrays import FloatArray
-from s2r_spec.diagnose.data.space_filling import TESTS
 from s2r_spec.diagnose.quality.comparison import CLEAR, FLOOR
 from s2r_spec.diagnose.quality.finding import Finding
-from s2r_spec.diagnose.quality.recordings import Recordings, as_columns
-from s2r_spec.diagnose.simulator.bench import TestRun
-from s2r_spec.trace import Trace
+from s2r_spec.diagnose.quality.labels import is_able
+from s2r_spec.diagnose.quality.law_family import forms
+from s2r_spec.diagnose.quality.law_parity import Misfit, Mistake, Parity, alike, closeness, misfit
+from s2r_spec.diagnose.quality.law_words import law_finding, misfit_words
+from s2r_spec.diagnose.quality.recordings import Recordings
+from s2r_spec.diagnose.simulator.bench import Test, TestRun, evenly
+from s2r_spec.space import key_of
 
-Undo = Callable[[Trace], Trace]
+SCREENED, FITTED = 2, 6
+"""Budget: recordings with which mistakes are screened, and fitted."""
+LIKELY, REFINED = 8, 3
+"""Budget: mistakes of the screening whose sizes are refined, and those that are fitted with the machine's sizes."""
+INTERVALS = 6
+"""Budget: times that the interval of a size becomes a third."""
 
 
-@dataclass(frozen=True)
-class _Candidate:
-    """A mistake, the channels with it, and how it is undone."""
+class Found(NamedTuple):
+    """A mistake with which the law holds, m as recorded and without it, and how simple it is."""
 
-    code: str
-    names: tuple[str, ...]
-    undo: Undo
+    gain: float
+    mistake: Mistake
+    before: Misfit
+    after: Misfit
+    simplicity: tuple[int, int, bool]
+
+
+def gained(before: Misfit, after: Misfit) -> float:
+    """Return the logarithm of the ratio of the products of all m; nothing is gained where a channel has none after."""
+    if len(after) < len(before):
+        return -np.inf
+    logs = [float(np.mean([np.log(m) for m in each.values()])) if each else 0.0 for each in (before, after)]
+    return (logs[0] - logs[1]) * len(before)
+
+
+def holds(before: Misfit, after: Misfit) -> bool:
+    """Return whether a law that is broken before holds after, wherever it is another."""
+    names = [name for name, m in before.items() if after.get(name) != m]
+    left = [after.get(name, max(after.values(), default=np.inf)) for name in names]
+    mended = all(m <= max(FLOOR, CLEAR * before[name]) for name, m in zip(names, left, strict=True))
+    broken = any(before[name] > FLOOR >= m for name, m in zip(names, left, strict=True))
+    return mended and broken and gained(before, after) >= -np.log(CLEAR)
 
 
 def by_law(of: Recordings) -> list[Finding]:
     """Return the mistake that the controller's law shows, if there is one."""
-    backend = of.bench.backend
-    if not isinstance(backend, HasControlLaw):
+    runs = [run for run in of.rollouts if run[1].failure is None and len(run[1]) > 2]
+    if not runs or not isinstance(of.bench.backend, HasControlLaw):
         return []
-    runs = [run for run in of.rollouts if run[1].failure is None][:TESTS]
-    recorded = errors(backend, runs, lambda trace: trace)
-    broken = [name for name, error in recorded.items() if error > FLOOR]
-    if not broken:
+    every = Parity.of(of.bench, runs)
+    if not _broken(every):
         return []
-    undone = [(errors(backend, runs, one.undo), one) for one in _candidates(of, runs)]
-    tried = [
-        (error[name], name, one)
-        for error, one in undone
-        for name in broken
-        if error.get(name, np.inf) <= min(FLOOR, CLEAR * recorded[name])
+    fitted, _ = replace(every, runs=[runs[k] for k in evenly(len(runs), FITTED)]).fit()
+    every = replace(every, theta=fitted.theta)
+    wrong = _broken(every)
+    if not wrong:
+        return []
+    chosen = replace(every, runs=[wrong[k] for k in evenly(len(wrong), FITTED)])
+    if (label := _of_other_tests(every, wrong)) is not None:
+        return [label]
+    found = list(_fits(chosen))
+    best = max((one.gain for one in found), default=0.0)
+    near = [one for one in found if one.gain >= (1.0 - CLEAR) * best]
+    return [
+        law_finding(every, one.mistake, misfit_words(one.before, one.after), wrong)
+        for one in sorted(near, key=lambda one: (one.simplicity, -one.gain))[:1]
     ]
-    if not tried:
-        return []
-    left, name, one = min(tried, key=lambda each: each[0])
-    return [_finding(one, name, recorded[name], left)]
 
 
-def errors(backend: HasControlLaw, runs: Sequence[TestRun], undo: Undo) -> dict[str, float]:
-    """Return command → rms difference from the law over all recordings, in parts of the command's range."""
-    differences: dict[str, list[FloatArray]] = {}
-    values: dict[str, list[FloatArray]] = {}
-    for test, trace in runs:
-        recorded = undo(trace)
-        law = backend.commands(recorded, test)
-        for name in law.channels:
-            there, here = as_columns(law, name), as_columns(recorded, name)
-            known = np.isfinite(there) & np.isfinite(here)
-            differences.setdefault(name, []).append((here - there)[known])
-            values.setdefault(name, []).append(here[known])
-    found = {}
-    for name, parts in differences.items():
-        every, reach = np.concatenate(parts), float(np.ptp(np.concatenate(values[name]))) if parts else 0.0
-        if every.size and reach > 0.0:
-            found[name] = float(np.sqrt((every**2).mean())) / reach
-    return found
+def _broken(parity: Parity) -> list[TestRun]:
+    """Return the recordings that break the law."""
+    each = zip(parity.runs, parity.errors(), strict=True)
+    return [run for run, error in each if max(misfit([error], -1.0).values(), default=0.0) > FLOOR]
 
 
-def _candidates(of: Recordings, runs: Sequence[TestRun]) -> Iterator[_Candidate]:
-    channels = [
-        one
-        for one in of.bench.backend.channels
-        if one.width == 1 and all(one.name in trace for _, trace in runs)
-    ]
-    for first, second in combinations(channels, 2):
-        if first.unit == second.unit:
-            yield _Candidate("exchanged", (first.name, second.name), _exchange(first.name, second.name))
-    for one in channels:
-        yield _Candidate("sign", (one.name,), _turn(one.name))
+def _of_other_tests(every: Parity, wrong: Sequence[TestRun]) -> Finding | None:
+    """Return that the law holds at other tests than the recordings', if it does."""
+    space, table = every.bench.spec.space, {key_of(test): test for test, _ in every.runs}
+    pairs = [(a, b) for a, b in combinations(space.names, 2) if space.units.get(a) == space.units.get(b)]
+    runs = [wrong[k] for k in evenly(len(wrong), FITTED)]
 
+    def nearest(parity: Parity, run: TestRun) -> TestRun:
+        test, trace = run
+        others: list[Test] = [
+            test,
+            *table.values(),
+            *({**test, name: -test[name] or 0.0} for name in space.names),
+        ]
+        others += [{**test, a: test[b], b: test[a]} for a, b in pairs]
+        able = [(one, trace) for one in others if is_able(parity.bench, [one])]
+        own = misfit(replace(parity, runs=[run]).errors())
+        return max(able, key=lambda one: gained(own, misfit(replace(parity, runs=[one]).errors())))
 
-def _exchange(first: str, second: str) -> Undo:
-    other = {first: second, second: first}
-    return lambda trace: trace.with_channels(
-        lambda name, values: trace[other[name]] if name in other else values
+    parity = replace(every, theta=(0.0,) * len(every.axes))
+    for _ in range(2):  # the machine's sizes are those at the right tests
+        parity = replace(parity, runs=[nearest(parity, run) for run in runs])
+        parity, _ = parity.fit()
+    before, after = misfit(replace(every, runs=runs).errors()), misfit(parity.errors())
+    if not holds(before, after):
+        return None
+    text = (
+        f"{len(wrong)} of {len(every.runs)} real rollouts stand under a test that is not theirs: "
+        f"{misfit_words(before, after).format(undone='at another test')}. Correct the table of tests"
     )
+    return Finding("labels", "the tests", text, certain=True)
 
 
-def _turn(name: str) -> Undo:
-    return lambda trace: trace.with_channels(lambda one, values: -values if one == name else values)
+def _fits(parity: Parity) -> Iterator[Found]:
+    """Yield the mistakes with which the law holds."""
+    few = replace(parity, runs=[parity.runs[k] for k in evenly(len(parity.runs), SCREENED)])
+    as_recorded, every = few.errors(), parity.errors()
+
+    def gain(mistake: Mistake) -> float:
+        errors = few.errors(mistake)
+        return gained(misfit(alike(as_recorded, errors)), misfit(errors))
+
+    channels = [one for one in parity.bench.backend.channels if one.name in parity.reach]
+    screened: list[tuple[float, int, Mistake]] = []
+    for form in forms(channels, [trace for _, trace in parity.runs], dict(parity.reach), parity.sources):
+        for group in form.groups:
+            coarse = [Mistake(form, group, size) for size in form.sizes]
+            coarse += [few.step(form, group)] if form.unit else []
+            best = max((gain(one), -k) for k, one in enumerate(coarse))
+            screened.append((best[0], len(screened), coarse[-best[1]]))
+    likely = [one for better, _, one in sorted(screened, reverse=True)[:LIKELY] if better > 0.0]
+    refined = sorted((_refined(few, one, gain) for one in likely), key=gain, reverse=True)
+    for one in refined[:REFINED]:
+        while more := one.form.grows(one.group):
+            wider = max((replace(one, group=(*one.group, name)) for name in more), key=gain)
+            if gain(wider) <= gain(one):
+                break
+            one = _refined(few, wider, gain)
+        for fitted, mistake in (parity.fit(one), (parity, one)):
+            assert mistake is not None
+            errors = fitted.errors(mistake)
+            before, after = misfit(alike(every, errors)), misfit(errors)
+            if holds(before, after):
+                yield Found(gained(before, after), mistake, before, after, mistake.simplicity(fitted.theta))
 
 
-def _finding(one: _Candidate, command: str, error: float, left: float) -> Finding:
-    law = (
-        f"the controller's law gives {command} from the other channels; as recorded it is off by {100 * error:.2g} % "
-        f"of the range of {command} (rms), and by {100 * left:.1g} %"
-    )
-    if one.code == "sign":
-        text = (
-            f"{one.names[0]} of the real rollouts has the opposite sign: {law} with its sign changed. Change the sign "
-            f"in the recordings"
-        )
-        return Finding("sign", one.names[0], text, "the opposite sign")
-    words = " and ".join(one.names)
-    text = f"{words} of the real rollouts are exchanged: {law} with both exchanged. Correct the names in the recordings"
-    return Finding("exchanged", words, text, "an exchange of channels")
+def _refined(parity: Parity, mistake: Mistake, gain: Callable[[Mistake], float]) -> Mistake:
+    """Return a mistake with the best size: by least squares, or where samples are read between others by intervals."""
+    form, sizes = mistake.form, list(mistake.form.sizes)
+    if not form.unit:
+        return mistake
+    if not form.resampled:
+        return max((one for one in (mistake, parity.fit(mistake, machine=False)[1]) if one), key=gain)
+    k = int(np.argmin(np.abs(np.array(sizes) - mistake.size)))
+    low, high = sizes[max(k - 1, 0)], sizes[min(k + 1, len(sizes) - 1)]
+    for _ in range(INTERVALS):
+        tried = [replace(mistake, size=float(size)) for size in (mistake.size, *np.linspace(low, high, 7))]
+        mistake = max(tried, key=lambda one: (round(gain(one), 1), closeness(parity.errors(one))))
+        low, high = mistake.size - (high - low) / 6.0, mistake.size + (high - low) / 6.0
+    return mistake
