@@ -318,8 +318,8 @@ def main() -> None:
     folder = given.folder / f"{given.seed}-{code_hash()}"
     folder.mkdir(parents=True, exist_ok=True)
     answers: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
-    for machine in given.machines:
-        for number in range(given.cases):
+    for number in range(given.cases):
+        for machine in given.machines:
             for code in (code for code in given.codes if code not in WITHOUT[machine]):
                 path = folder / f"{machine}-{number:03d}-{code.replace(' ', '_')}.json"
                 told = json.loads(path.read_text()) if path.exists() else {}

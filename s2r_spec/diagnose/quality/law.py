@@ -30,12 +30,13 @@ from typing import NamedTuple
 import numpy as np
 
 from s2r_spec.backend import HasControlLaw
+from s2r_spec.diagnose.inference.prior import NAMED
 from s2r_spec.diagnose.quality.comparison import CLEAR, FLOOR
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.quality.labels import is_able
 from s2r_spec.diagnose.quality.law_family import forms
 from s2r_spec.diagnose.quality.law_parity import Misfit, Mistake, Parity, alike, closeness, misfit
-from s2r_spec.diagnose.quality.law_words import law_finding, misfit_words
+from s2r_spec.diagnose.quality.law_words import is_forgotten, law_finding, misfit_words
 from s2r_spec.diagnose.quality.recordings import Recordings
 from s2r_spec.diagnose.simulator.bench import Test, TestRun, evenly
 from s2r_spec.space import key_of
@@ -49,13 +50,14 @@ INTERVALS = 6
 
 
 class Found(NamedTuple):
-    """A mistake with which the law holds, m as recorded and without it, and how simple it is."""
+    """A mistake with which the law holds, m as recorded and without it, its simplicity, and the recordings with it."""
 
     gain: float
     mistake: Mistake
     before: Misfit
     after: Misfit
     simplicity: tuple[int, int, bool]
+    runs: Sequence[TestRun]
 
 
 def gained(before: Misfit, after: Misfit) -> float:
@@ -83,21 +85,28 @@ def by_law(of: Recordings) -> list[Finding]:
     every = Parity.of(of.bench, runs)
     if not _broken(every):
         return []
-    fitted, _ = replace(every, runs=[runs[k] for k in evenly(len(runs), FITTED)]).fit()
-    every = replace(every, theta=fitted.theta)
+    every = _with_machine(every)
     wrong = _broken(every)
     if not wrong:
         return []
-    chosen = replace(every, runs=[wrong[k] for k in evenly(len(wrong), FITTED)])
     if (label := _of_other_tests(every, wrong)) is not None:
         return [label]
-    found = list(_fits(chosen))
+    found = list(_fits(every, wrong))
     best = max((one.gain for one in found), default=0.0)
     near = [one for one in found if one.gain >= (1.0 - CLEAR) * best]
     return [
-        law_finding(every, one.mistake, misfit_words(one.before, one.after), wrong)
+        law_finding(every, one.mistake, misfit_words(one.before, one.after), one.runs)
         for one in sorted(near, key=lambda one: (one.simplicity, -one.gain))[:1]
     ]
+
+
+def _with_machine(every: Parity) -> Parity:
+    """Return the recordings with the machine's sizes θ: the median of those of some recordings."""
+    if not every.axes:
+        return every
+    some = [every.runs[k] for k in evenly(len(every.runs), FITTED)]
+    sizes = [replace(every, runs=[run]).fit()[0].theta for run in some]
+    return replace(every, theta=tuple(np.median(sizes, axis=0).tolist()))
 
 
 def _broken(parity: Parity) -> list[TestRun]:
@@ -138,37 +147,82 @@ def _of_other_tests(every: Parity, wrong: Sequence[TestRun]) -> Finding | None:
     return Finding("labels", "the tests", text, certain=True)
 
 
-def _fits(parity: Parity) -> Iterator[Found]:
+def _fits(whole: Parity, wrong: Sequence[TestRun]) -> Iterator[Found]:
     """Yield the mistakes with which the law holds."""
-    few = replace(parity, runs=[parity.runs[k] for k in evenly(len(parity.runs), SCREENED)])
-    as_recorded, every = few.errors(), parity.errors()
+    parity = replace(whole, runs=[wrong[k] for k in evenly(len(wrong), FITTED)])
+    tried: list[tuple[float, int, Parity, Mistake]] = []
+    for machine in _machines(parity):
+        few = replace(machine, runs=[parity.runs[k] for k in evenly(len(parity.runs), SCREENED)])
+        gain = _gain(few, few)
+        for one in _likely(few, gain):
+            fine = _refined(few, one, gain)
+            tried.append((_gain(replace(few, theta=parity.theta), few)(fine), len(tried), few, fine))
+    every = parity.errors()
+    for _, _, few, mistake in sorted(tried, reverse=True, key=lambda each: each[:2])[:REFINED]:
+        grown = _grown(few, mistake, _gain(few, few))
+        machine = replace(few, runs=parity.runs)
+        for fitted, best in (machine.fit(grown), (machine, grown)):
+            one = best or grown
+            errors = fitted.errors(one)
+            before, after = misfit(alike(every, errors)), misfit(errors)
+            if abs(one.size) < one.form.least or not holds(before, after):
+                continue
+            if runs := _sharing(fitted, whole, wrong, one):
+                yield Found(gained(before, after), one, before, after, one.simplicity(fitted.theta), runs)
+
+
+def _machines(parity: Parity) -> list[Parity]:
+    """Return the recordings with the machine's sizes, and with none, for a mistake may look like a sensor's error."""
+    far = max(map(abs, parity.theta), default=0.0) >= NAMED
+    return [parity, replace(parity, theta=(0.0,) * len(parity.axes))] if far else [parity]
+
+
+def _gain(as_recorded: Parity, parity: Parity) -> Callable[[Mistake], float]:
+    start = as_recorded.errors()
 
     def gain(mistake: Mistake) -> float:
-        errors = few.errors(mistake)
-        return gained(misfit(alike(as_recorded, errors)), misfit(errors))
+        errors = parity.errors(mistake)
+        return gained(misfit(alike(start, errors)), misfit(errors))
 
-    channels = [one for one in parity.bench.backend.channels if one.name in parity.reach]
+    return gain
+
+
+def _likely(few: Parity, gain: Callable[[Mistake], float]) -> list[Mistake]:
+    """Return the mistakes with which the law is broken least, of one size a group."""
+    channels = [one for one in few.bench.backend.channels if one.name in few.reach]
     screened: list[tuple[float, int, Mistake]] = []
-    for form in forms(channels, [trace for _, trace in parity.runs], dict(parity.reach), parity.sources):
+    for form in forms(channels, [trace for _, trace in few.runs], dict(few.reach), few.sources):
         for group in form.groups:
             coarse = [Mistake(form, group, size) for size in form.sizes]
             coarse += [few.step(form, group)] if form.unit else []
-            best = max((gain(one), -k) for k, one in enumerate(coarse))
-            screened.append((best[0], len(screened), coarse[-best[1]]))
-    likely = [one for better, _, one in sorted(screened, reverse=True)[:LIKELY] if better > 0.0]
-    refined = sorted((_refined(few, one, gain) for one in likely), key=gain, reverse=True)
-    for one in refined[:REFINED]:
-        while more := one.form.grows(one.group):
-            wider = max((replace(one, group=(*one.group, name)) for name in more), key=gain)
-            if gain(wider) <= gain(one):
-                break
-            one = _refined(few, wider, gain)
-        for fitted, mistake in (parity.fit(one), (parity, one)):
-            assert mistake is not None
-            errors = fitted.errors(mistake)
-            before, after = misfit(alike(every, errors)), misfit(errors)
-            if holds(before, after):
-                yield Found(gained(before, after), mistake, before, after, mistake.simplicity(fitted.theta))
+            gains = [gain(one) for one in coarse]
+            best = int(np.argmax(gains))
+            screened.append((gains[best], len(screened), coarse[best]))
+    return [one for better, _, one in sorted(screened, reverse=True)[:LIKELY] if better > 0.0]
+
+
+def _grown(few: Parity, mistake: Mistake, gain: Callable[[Mistake], float]) -> Mistake:
+    """Return a mistake of a larger group, as long as a further channel breaks the law less."""
+    while more := mistake.form.grows(mistake.group):
+        wider = max((replace(mistake, group=(*mistake.group, name)) for name in more), key=gain)
+        if gain(wider) <= gain(mistake):
+            break
+        mistake = _refined(few, wider, gain)
+    return mistake
+
+
+def _sharing(fitted: Parity, whole: Parity, wrong: Sequence[TestRun], mistake: Mistake) -> Sequence[TestRun]:
+    """Return which recordings have a mistake: all if the others gain, too, or those that break the law, or none.
+
+    A size is that of an instrument or of a clock, which all recordings share. Names, signs and units may be a file's.
+    """
+    others = replace(fitted, runs=[run for run in whole.runs if all(run is not one for one in wrong)])
+    if not others.runs:
+        return whole.runs
+    errors = others.errors(mistake)
+    if gained(misfit(alike(others.errors(), errors)), misfit(errors)) > 0.0:
+        return whole.runs
+    return wrong if not mistake.form.unit or is_forgotten(mistake) else ()
 
 
 def _refined(parity: Parity, mistake: Mistake, gain: Callable[[Mistake], float]) -> Mistake:

@@ -48,6 +48,7 @@ class Form:
         unit: of a size, or of the logarithm of a factor; 0 where there is nothing to refine.
         factor: whether a size is a factor.
         resampled: whether channels are read between samples.
+        least: the smallest size that counts; nobody reads two clocks better than to half a sample.
     """
 
     code: str
@@ -58,6 +59,7 @@ class Form:
     unit: float
     factor: bool = False
     resampled: bool = False
+    least: float = 0.0
 
     def undone(self, size: float) -> float:
         """Return the size of the inverse."""
@@ -111,7 +113,7 @@ def forms(
         period,
         resampled=True,
     )
-    yield Form("begin", _late, [every], none, delays, period, resampled=True)
+    yield Form("begin", _late, [every], none, delays, period, resampled=True, least=period / 2)
     yield Form("scale", _scale, [*alone, *together], of_unit, factors, 0.1, factor=True)
     yield Form("scale", _scale_from_first, [*alone, *together], of_unit, factors, 0.1, factor=True)
     for name in names:

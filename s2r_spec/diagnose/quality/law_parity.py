@@ -121,7 +121,7 @@ class Parity:
         return self._kept[key]
 
     def errors(self, mistake: Mistake | None = None) -> list[Columns]:
-        """Return e of every recording, in ranges; NaN where nothing is known."""
+        """Return e of every recording, in usual ranges or its own, if larger; NaN where nothing is known."""
         out = []
         for test, trace in self.runs:
             recorded = {name: trace[name] for name in self.reach}
@@ -141,7 +141,8 @@ class Parity:
             known = {name: law.get(name, np.full(len(trace), np.nan)) for name in recorded}
             if mistake is not None:
                 known |= mistake.form.change(known, trace, mistake.group, mistake.size)
-            error = {name: (recorded[name] - known[name]) / self.reach[name] for name in recorded}
+            ranges = {name: max(reach, float(np.ptp(recorded[name]))) for name, reach in self.reach.items()}
+            error = {name: (recorded[name] - known[name]) / ranges[name] for name in recorded}
             out.append({name: values for name, values in error.items() if np.isfinite(values).any()})
         return out
 

@@ -29,6 +29,11 @@ def _part(m: float) -> str:
     return f"{100.0 * m:.2g} %" if m < 1.0 else f"{m:.0f} times"
 
 
+def is_forgotten(mistake: Mistake) -> bool:
+    """Return whether a mistake is a forgotten unit."""
+    return mistake.form.code == "scale" and any(abs(np.log(mistake.size / one)) < CLEAR for one in FORGOTTEN)
+
+
 def law_finding(parity: Parity, mistake: Mistake, law: str, wrong: Sequence[TestRun]) -> Finding:
     """Return the finding of a mistake in some broken recordings; ``law`` is by :func:`misfit_words`."""
     group = [name for name in parity.reach if name in mistake.group]
@@ -69,10 +74,9 @@ def _mistake_words(
             fast = f"run {size:.4g} times as fast as their times say"
             return form.code, fast, "with corrected times", f"Multiply the times by {size:.4g}"
         case "scale":
-            forgotten = any(abs(np.log(size / factor)) < CLEAR for factor in FORGOTTEN)
             words = f"{be} {size:.4g} times what {'it' if len(group) == 1 else 'they'} should be"
             remedy = f"Divide by {size:.4g}, or write the unit that it has instead of {unit}"
-            return "unit" if forgotten else form.code, words, "divided by that", remedy
+            return "unit" if is_forgotten(mistake) else form.code, words, "divided by that", remedy
         case "offset":
             return form.code, f"{be} off by {size:.4g} {unit}".rstrip(), "without that", "Subtract it"
         case _:
