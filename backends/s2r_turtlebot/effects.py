@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import exp
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -51,8 +51,8 @@ class Physics:
     axle: float = 1.0  # length, over that of the drawing
     slip: float = 0.0  # loss of turning rate with speed [s/m]
 
-    def look(self, x: float, y: float, heading: float) -> tuple[float, float, float]:
-        """Return the measured pose [m, m, rad]."""
+    def look(self, x: Any, y: Any, heading: Any) -> tuple[Any, Any, Any]:
+        """Return the measured pose [m, m, rad], of numbers or of arrays."""
         return x, y + self.left, heading + self.heading
 
     def wheels(self, step: float, seed: int) -> Body:
@@ -179,10 +179,9 @@ class TurtlebotWithEffects(TurtlebotBackend):
         x, y, goal = trace["x"], trace["y"], self.constants.goal
         law = {"d_goal": np.hypot(x - goal[0], y - goal[1]), "d_obs": np.hypot(x - ox, y - oy)}
         if "heading" in trace.channels:
-            look, nothing = self._physics.look, (np.nan, np.nan)
-            poses = zip(*(each.tolist() for each in (x, y, trace["heading"])), strict=True)
-            sent = [nothing, *(command(look(*pose), ox, oy, self.constants) for pose in poses)]
-            law["v"], law["w"] = np.array(sent[:-1]).T
+            pose = self._physics.look(x, y, trace["heading"])
+            sent = command(pose, ox, oy, self.constants, np)
+            law |= {name: np.append(np.nan, one[:-1]) for name, one in zip("vw", sent, strict=True)}
         law = {name: values for name, values in law.items() if name in trace.channels}
         return trace.only(law).with_channels(lambda name, _: law[name])
 

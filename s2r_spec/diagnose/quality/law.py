@@ -43,8 +43,8 @@ from s2r_spec.space import key_of
 
 SCREENED, FITTED = 2, 6
 """Budget: recordings with which mistakes are screened, and fitted."""
-LIKELY, REFINED = 8, 3
-"""Budget: mistakes of the screening whose sizes are refined, and those that are fitted with the machine's sizes."""
+LIKELY, REFINED = 2, 3
+"""Budget: mistakes of each code that are refined, and of all that are fitted with the machine's sizes."""
 INTERVALS = 6
 """Budget: times that the interval of a size becomes a third."""
 
@@ -150,16 +150,14 @@ def _of_other_tests(every: Parity, wrong: Sequence[TestRun]) -> Finding | None:
 def _fits(whole: Parity, wrong: Sequence[TestRun]) -> Iterator[Found]:
     """Yield the mistakes with which the law holds."""
     parity = replace(whole, runs=[wrong[k] for k in evenly(len(wrong), FITTED)])
-    tried: list[tuple[float, int, Parity, Mistake]] = []
+    fine: list[tuple[Parity, Mistake]] = []
     for machine in _machines(parity):
         few = replace(machine, runs=[parity.runs[k] for k in evenly(len(parity.runs), SCREENED)])
-        gain = _gain(few, few)
-        for one in _likely(few, gain):
-            fine = _refined(few, one, gain)
-            tried.append((_gain(replace(few, theta=parity.theta), few)(fine), len(tried), few, fine))
+        gain = _gain(few)
+        refined = sorted((_refined(few, one, gain) for one in _likely(few, gain)), key=gain, reverse=True)
+        fine += [(few, _grown(few, one, gain)) for one in refined[:REFINED]]
     every = parity.errors()
-    for _, _, few, mistake in sorted(tried, reverse=True, key=lambda each: each[:2])[:REFINED]:
-        grown = _grown(few, mistake, _gain(few, few))
+    for few, grown in fine:
         machine = replace(few, runs=parity.runs)
         for fitted, best in (machine.fit(grown), (machine, grown)):
             one = best or grown
@@ -177,8 +175,8 @@ def _machines(parity: Parity) -> list[Parity]:
     return [parity, replace(parity, theta=(0.0,) * len(parity.axes))] if far else [parity]
 
 
-def _gain(as_recorded: Parity, parity: Parity) -> Callable[[Mistake], float]:
-    start = as_recorded.errors()
+def _gain(parity: Parity) -> Callable[[Mistake], float]:
+    start = parity.errors()
 
     def gain(mistake: Mistake) -> float:
         errors = parity.errors(mistake)
@@ -188,17 +186,20 @@ def _gain(as_recorded: Parity, parity: Parity) -> Callable[[Mistake], float]:
 
 
 def _likely(few: Parity, gain: Callable[[Mistake], float]) -> list[Mistake]:
-    """Return the mistakes with which the law is broken least, of one size a group."""
+    """Return the mistakes of each code with which the law is broken least."""
     channels = [one for one in few.bench.backend.channels if one.name in few.reach]
-    screened: list[tuple[float, int, Mistake]] = []
-    for form in forms(channels, [trace for _, trace in few.runs], dict(few.reach), few.sources):
+    screened: dict[str, list[tuple[float, int, Mistake]]] = {}
+    for number, form in enumerate(
+        forms(channels, [trace for _, trace in few.runs], dict(few.reach), few.sources)
+    ):
         for group in form.groups:
             coarse = [Mistake(form, group, size) for size in form.sizes]
             coarse += [few.step(form, group)] if form.unit else []
             gains = [gain(one) for one in coarse]
             best = int(np.argmax(gains))
-            screened.append((gains[best], len(screened), coarse[best]))
-    return [one for better, _, one in sorted(screened, reverse=True)[:LIKELY] if better > 0.0]
+            screened.setdefault(form.code, []).append((gains[best], -number, coarse[best]))
+    ordered = [sorted(each, key=lambda one: one[:2], reverse=True)[:LIKELY] for each in screened.values()]
+    return [one for each in ordered for better, _, one in each if better > 0.0]
 
 
 def _grown(few: Parity, mistake: Mistake, gain: Callable[[Mistake], float]) -> Mistake:

@@ -29,7 +29,7 @@ Columns = dict[str, FloatArray]
 Change = Callable[[Columns, Trace, Group, float], Columns]
 """(columns, recording, group, x) → the columns of the group after g_x."""
 
-TURNS = tuple(np.linspace(-np.pi, np.pi, 13)[1:].tolist())
+TURNS = tuple(np.linspace(-np.pi, np.pi, 19)[1:].tolist())
 """Definition: angles [rad] of a frame that are tried, before the best is refined."""
 FORGOTTEN = (1e3, 1e2, 180.0 / np.pi, np.pi / 180.0, 1e-2, 1e-3)
 """Definition: factors of a forgotten unit: milli, centi, degrees, and their inverses."""
