@@ -11,8 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from math import ceil, cos, exp, hypot, sin, tanh
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
@@ -44,11 +43,7 @@ def ideal(*values: float) -> tuple[float, ...]:
     return values
 
 
-NUMBERS = SimpleNamespace(cos=cos, sin=sin, exp=exp, tanh=tanh, hypot=hypot, maximum=max)
-"""What the controller computes with; NumPy has the same for (n,) arrays."""
-
-
-def steer(x: Any, y: Any, ox: float, oy: float, robot: Constants, m: Any = NUMBERS) -> tuple[Any, Any]:
+def steer(x: float, y: float, ox: float, oy: float, robot: Constants) -> tuple[float, float]:
     """Return the velocity [m/s] of the steered point: towards the goal, with a barrier around the obstacle.
 
     The desired velocity is an attraction to the goal plus a swirl around the obstacle, on the side where the straight
@@ -57,25 +52,23 @@ def steer(x: Any, y: Any, ox: float, oy: float, robot: Constants, m: Any = NUMBE
     its half-plane solves it.
     """
     gx, gy = robot.goal[0] - x, robot.goal[1] - y
-    distance = m.hypot(gx, gy)
-    pull = robot.speed * m.tanh(distance / robot.reach) / m.maximum(distance, 1e-9)
+    distance = hypot(gx, gy)
+    pull = robot.speed * tanh(distance / robot.reach) / max(distance, 1e-9)
     dx, dy = x - ox, y - oy
-    square = m.maximum(dx * dx + dy * dy, 1e-9)
+    square = max(dx * dx + dy * dy, 1e-9)
     barrier = square - robot.keep**2
     (sx, sy), (ex, ey) = robot.start, robot.goal
     side = 1.0 if (ex - sx) * (oy - sy) >= (ey - sy) * (ox - sx) else -1.0
-    turn = side * robot.speed * robot.swirl * m.exp(-square / robot.keep**2) / robot.keep
+    turn = side * robot.speed * robot.swirl * exp(-square / robot.keep**2) / robot.keep
     ux, uy = pull * gx - turn * dy, pull * gy + turn * dx
-    lacking = m.maximum(0.0, -robot.decay * barrier - 2 * (dx * ux + dy * uy)) / (2 * square)
+    lacking = max(0.0, -robot.decay * barrier - 2 * (dx * ux + dy * uy)) / (2 * square)
     return ux + lacking * dx, uy + lacking * dy
 
 
-def command(
-    pose: tuple[Any, ...], ox: float, oy: float, robot: Constants, m: Any = NUMBERS
-) -> tuple[Any, Any]:
-    """Return the commanded speed [m/s] and turning rate [rad/s] at a measured pose, or at (n,) poses."""
-    x, y, c, s = *pose[:2], m.cos(pose[2]), m.sin(pose[2])
-    ux, uy = steer(x + robot.ahead * c, y + robot.ahead * s, ox, oy, robot, m)
+def command(pose: tuple[float, ...], ox: float, oy: float, robot: Constants) -> tuple[float, float]:
+    """Return the commanded speed [m/s] and turning rate [rad/s] at a measured pose."""
+    x, y, c, s = *pose[:2], cos(pose[2]), sin(pose[2])
+    ux, uy = steer(x + robot.ahead * c, y + robot.ahead * s, ox, oy, robot)
     return c * ux + s * uy, (c * uy - s * ux) / robot.ahead
 
 

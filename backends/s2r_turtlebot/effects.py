@@ -29,7 +29,7 @@ from s2r_spec.effects import (
     words,
 )
 from s2r_spec.trace import Trace
-from s2r_turtlebot import Body, TurtlebotBackend, command, ideal
+from s2r_turtlebot import Body, Constants, TurtlebotBackend, ideal
 
 _AXLE = 0.16
 """[m] between the wheels."""
@@ -101,6 +101,23 @@ class Physics:
         left, right = (min(max(v + side * w * _AXLE / 2, -self.speed), self.speed) for side in (-1, 1))
         v, w = self.speed / fastest * v, self.speed / fastest * w
         return v + self.own * ((left + right) / 2 - v), w + self.own * ((right - left) / _AXLE - w)
+
+
+def commands_at(pose: tuple[Any, ...], ox: float, oy: float, robot: Constants) -> tuple[Any, Any]:
+    """Return :func:`s2r_turtlebot.command` at (n,) poses; the check of the backend compares both."""
+    (sx, sy), (ex, ey), c, s = robot.start, robot.goal, np.cos(pose[2]), np.sin(pose[2])
+    x, y = pose[0] + robot.ahead * c, pose[1] + robot.ahead * s
+    gx, gy, dx, dy = ex - x, ey - y, x - ox, y - oy
+    distance, square = np.maximum(np.hypot(gx, gy), 1e-9), np.maximum(dx * dx + dy * dy, 1e-9)
+    pull = robot.speed * np.tanh(distance / robot.reach) / distance
+    side = 1.0 if (ex - sx) * (oy - sy) >= (ey - sy) * (ox - sx) else -1.0
+    turn = side * robot.speed * robot.swirl * np.exp(-square / robot.keep**2) / robot.keep
+    ux, uy = pull * gx - turn * dy, pull * gy + turn * dx
+    lacking = np.maximum(0.0, -robot.decay * (square - robot.keep**2) - 2 * (dx * ux + dy * uy)) / (
+        2 * square
+    )
+    ux, uy = ux + lacking * dx, uy + lacking * dy
+    return c * ux + s * uy, (c * uy - s * ux) / robot.ahead
 
 
 effect = ModelEffect.of
@@ -179,8 +196,7 @@ class TurtlebotWithEffects(TurtlebotBackend):
         x, y, goal = trace["x"], trace["y"], self.constants.goal
         law = {"d_goal": np.hypot(x - goal[0], y - goal[1]), "d_obs": np.hypot(x - ox, y - oy)}
         if "heading" in trace.channels:
-            pose = self._physics.look(x, y, trace["heading"])
-            sent = command(pose, ox, oy, self.constants, np)
+            sent = commands_at(self._physics.look(x, y, trace["heading"]), ox, oy, self.constants)
             law |= {name: np.append(np.nan, one[:-1]) for name, one in zip("vw", sent, strict=True)}
         law = {name: values for name, values in law.items() if name in trace.channels}
         return trace.only(law).with_channels(lambda name, _: law[name])
