@@ -264,8 +264,8 @@ def recorded(machine: str, seed: int, number: int) -> tuple[Runs, Mapping[str, A
     return case.rollouts, case.label
 
 
-def answer(machine: str, seed: int, number: int, code: str, names: bool) -> dict[str, Any]:
-    """Return what is said of one case with one mistake."""
+def answer(machine: str, seed: int, number: int, code: str, cache: Path | None) -> dict[str, Any]:
+    """Return what is said of one case with one mistake; with a cache, names where nothing is found."""
     runs, label = recorded(machine, seed, number)
     draws = np.random.default_rng([seed, number, sorted(CODES).index(code)])
     spoiled, began = CODES[code](machine, list(runs), draws), time.process_time()
@@ -275,8 +275,10 @@ def answer(machine: str, seed: int, number: int, code: str, names: bool) -> dict
         "found": [[one.code, one.channel, one.text] for one in found],
         "seconds": round(time.process_time() - began, 2),
     }
-    if names and not found:
-        told = diagnose(SPECS[machine], bench(machine).backend, spoiled, where=False, passive=True)
+    if cache is not None and not found:
+        told = diagnose(
+            SPECS[machine], bench(machine).backend, spoiled, where=False, passive=True, cache=cache
+        )
         out["names"], out["exit"] = list(told.which.answer), told.exit_code
         out["wrong"] = [name for name in told.which.answer if absent(machine, label, name)]
     return out
@@ -324,7 +326,7 @@ def main() -> None:
                 path = folder / f"{machine}-{number:03d}-{code.replace(' ', '_')}.json"
                 told = json.loads(path.read_text()) if path.exists() else {}
                 if not told or (given.diagnose and not told["found"] and "exit" not in told):
-                    told = answer(machine, given.seed, number, code, given.diagnose)
+                    told = answer(machine, given.seed, number, code, given.folder if given.diagnose else None)
                     path.write_text(json.dumps(told))
                     print(machine, number, code, told, file=sys.stderr, flush=True)
                 answers.setdefault((machine, code), []).append(told)

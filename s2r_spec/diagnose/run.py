@@ -21,7 +21,6 @@ from pathlib import Path
 from s2r_spec.backend import Backend, HasRecordings, load_backend
 from s2r_spec.backend.effects import catalogue_of
 from s2r_spec.backend.protocols import HasProtocols, protocol_of
-from s2r_spec.base.distribution import version
 from s2r_spec.base.errors import S2RError, UsageError
 from s2r_spec.certify.arguments import as_folder, as_rollouts, as_simulator, as_spec
 from s2r_spec.diagnose.data.campaign import BUDGET, campaign, plan, smallest_with_held_out
@@ -32,7 +31,7 @@ from s2r_spec.diagnose.data.rollouts import RealRollouts, Rollouts, as_experimen
 from s2r_spec.diagnose.data.space_filling import representative, star
 from s2r_spec.diagnose.data.split import TrainHeldOut, split
 from s2r_spec.diagnose.decision import Evidence
-from s2r_spec.diagnose.diagnosis import Diagnosis, Provenance, Which
+from s2r_spec.diagnose.diagnosis import Diagnosis, Which
 from s2r_spec.diagnose.estimation import Estimate, estimate, further_effects
 from s2r_spec.diagnose.experiment_design.identifiability import Candidate, separations
 from s2r_spec.diagnose.experiment_design.next_test import next_test
@@ -52,7 +51,8 @@ from s2r_spec.diagnose.inference.estimates import (
 )
 from s2r_spec.diagnose.inference.goodness_of_fit import goodness_of_fit
 from s2r_spec.diagnose.notes import notes
-from s2r_spec.diagnose.quality import Finding, certain_findings, likely_findings
+from s2r_spec.diagnose.quality import certain_findings, likely_findings
+from s2r_spec.diagnose.refusal import provenance, refusal
 from s2r_spec.diagnose.residuals.left import remainders
 from s2r_spec.diagnose.simulator.axes import Values
 from s2r_spec.diagnose.simulator.bench import Bench, TestRun, refuse_machine, travels
@@ -153,7 +153,7 @@ def diagnose(
             rollouts, data = recorded_rollouts(work.bench, real, budget, passive), None
         tell("checking the recordings", 0, 0)
         if broken := certain_findings(work.bench, rollouts.tests):
-            diagnosis = _refused(work, rollouts, broken)
+            diagnosis = refusal(work.bench, seed, rollouts, broken, ASSUMPTIONS)
         else:
             diagnosis = _answer(work, data or _recordings(work, rollouts, protocols, passive), where)
     return replace(diagnosis, notes=(*diagnosis.notes, *dict.fromkeys(kept.notes)), spec=spec, real=called)
@@ -365,38 +365,11 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
         Which(evidence, by_effects(fitted.posterior, axes), upcoming),
         _locate(work, used, tuned) if want_where and used else None,
         tuned,
-        _provenance(work, data.rollouts, len(parts.held_out)),
+        provenance(bench, seed, data.rollouts, len(parts.held_out)),
         ASSUMPTIONS,
         (*lacking, *data.rollouts.notes),
         passive=not data.rollouts.protocols,
     )
-
-
-def _refused(work: _Work, rollouts: RealRollouts, broken: Sequence[Finding]) -> Diagnosis:
-    """Return the answer from recordings that no machine can explain: their mistakes, and no estimate."""
-    return Diagnosis(
-        Which(Evidence((), 0.0, findings=broken), ()),
-        None,
-        {},
-        _provenance(work, rollouts, 0),
-        ASSUMPTIONS,
-        (*(each.text for each in broken), *rollouts.notes),
-        passive=not rollouts.protocols,
-    )
-
-
-def _provenance(work: _Work, rollouts: RealRollouts, held_out: int) -> Provenance:
-    bench = work.bench
-    return {
-        "s2r": version(),
-        "seed": work.seed,
-        "spec_hash": bench.spec.hash,
-        "requirement": bench.requirement,
-        "backend": bench.backend.name,
-        "model_hash": bench.backend.model_hash,
-        "rollouts": len(rollouts.tests) + len(rollouts.protocols),
-        "held_out": held_out,
-    }
 
 
 def _locate(work: _Work, rollouts: Sequence[TestRun], improved: Values) -> Where:

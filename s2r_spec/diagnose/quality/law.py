@@ -13,9 +13,10 @@ its range: its autocovariance at one sample, with two standard errors of that of
 
     m² = (Σ e_k e_k+1 / N ± 2 Σ e_k² / N^1.5) / range²,    at least RESOLUTION²
 
-Finding: m > FLOOR as recorded whatever θ is, and without g the product of all m is smaller by CLEAR, and one broken m
-is below FLOOR and CLEAR of what it was. Only recordings that break the law are compared. Of mistakes that do as well,
-that with the fewest sizes and channels is the answer.
+A recording breaks the law if its m is surely above FLOOR, with θ the median over recordings. Finding: with g and θ
+fitted to these, every m that changes is below FLOOR or CLEAR of what it was, one that was broken is below FLOOR, and
+the product of all m is smaller by CLEAR. Of mistakes that do as well, that with the fewest sizes (also of the machine)
+and channels is the answer. A test of the table, or one parameter's opposite sign, may mend the law as well (*labels*).
 
 Units: m dimensionless. Source: parity relations (Gertler 1998, ch. 5; Isermann 2006, §10).
 """
