@@ -18,7 +18,7 @@ from s2r_emps.axis import DriveCommand, DriveLog, simulate
 from s2r_emps.effects import CATALOGUE, world
 from s2r_emps.moves import PARAMETERS, Test, move, read_test
 from s2r_emps.noise import FloatArray, Noise, draw
-from s2r_emps.physics import MIDDLE, RATE, STEP, Physics
+from s2r_emps.physics import GAIN, MIDDLE, RATE, STEP, Physics
 from s2r_emps.protocols import PROTOCOLS, reference
 from s2r_emps.recorded import RecordedReference, read_recorded
 from s2r_spec.backend import Channel, Effect, Parameter
@@ -211,15 +211,30 @@ class EmpsBackend:
         )
 
     def commands(self, trace: Trace, params: Mapping[str, float]) -> Trace:
-        """Return the voltage ``u`` of the control law; see :class:`s2r_spec.backend.HasControlLaw`.
+        """Return what the drive computes: ``q_ref`` of the test, ``v`` of two positions, ``u`` and ``force``.
 
-        It is NaN where the drive is off, which sends no voltage.
+        See :class:`s2r_spec.backend.HasControlLaw`. ``u`` is the law before saturation; it is NaN where the drive is
+        off or may be saturated.
         """
-        if not {"q", "q_ref", "u"} <= set(trace.channels):
+        law: dict[str, np.ndarray] = {}
+        have, physics = trace.channels, world(self.physics, self.added)
+        if not residuals.is_even(trace):
             return trace.only(())
-        voltage = residuals.control_law(trace, world(self.physics, self.added))
-        voltage[0] = np.nan  # the law knows no speed yet
-        return trace.only(["u"]).with_channels(lambda name, u: np.where(u == 0.0, np.nan, voltage))
+        if "q_ref" in have:
+            values = read_test(params, self.parameters)
+            if self.reference:
+                position, lead, _ = self._recorded.part(values["start"], len(trace))
+                law["q_ref"] = position[lead:]
+            else:
+                law["q_ref"] = move(Test(**values), len(trace))[0]
+        if {"q", "v"} <= set(have):
+            law["v"] = residuals.speed(trace, physics)
+            law["v"][0] = np.nan  # nothing is known of the position before
+        if {"q", "q_ref", "u"} <= set(have):
+            law["u"] = residuals.unsaturated_voltage(trace, physics)
+        if {"u", "force"} <= set(have):
+            law["force"] = GAIN * have["u"]
+        return trace.only(law).with_channels(lambda name, _: law[name])
 
     def residuals(self, trace: Trace, params: Mapping[str, float] | None = None) -> Trace:
         """Return the force and the voltage that this model, with its effects, does not explain.

@@ -15,6 +15,8 @@ from s2r_spec.trace import Trace
 
 CUTOFF = 40.0
 """Cut-off of the filter before two derivatives [Hz]; the loop's own motion ends at about 20 Hz."""
+SATURATES = 0.8
+"""Tolerance: part of its largest voltage from which on a drive may be saturated, whatever its limit is."""
 EDGE = 50
 """Samples cut off at either end, where the filter is not valid: two periods of its cut-off."""
 
@@ -38,7 +40,7 @@ def residuals(trace: Trace, physics: Physics, stiffness: float = 1.0) -> Trace:
         raise TraceError(
             f"residuals need q and u (and q_ref for the controller's), but the trace has {one_of(trace.channels)}"
         )
-    if not _is_even(trace):
+    if not is_even(trace):
         raise TraceError(f"residuals need a trace of more than {3 * EDGE} samples, 1 ms apart")
     inner = slice(EDGE, -EDGE)
     channels = {"force": _force(trace, physics)[inner]}
@@ -51,7 +53,8 @@ def residuals(trace: Trace, physics: Physics, stiffness: float = 1.0) -> Trace:
 
 
 @lru_cache(maxsize=2)
-def _is_even(trace: Trace) -> bool:
+def is_even(trace: Trace) -> bool:
+    """Return whether a trace has more samples than the filters need, 1 ms apart."""
     steps = np.diff(trace.times)
     return len(trace) > 3 * EDGE and bool(np.allclose(steps, 1 / RATE, rtol=0, atol=0.01 / RATE))
 
@@ -98,13 +101,38 @@ def _controller(trace: Trace, physics: Physics, stiffness: float) -> FloatArray:
 
 def control_law(trace: Trace, physics: Physics, stiffness: float = 1.0) -> FloatArray:
     """Return (n,) the voltage [V] of the control law on the logged ``q`` and ``q_ref``, after saturation."""
-    speed = np.diff(trace["q"], prepend=2 * trace["q"][0] - trace["q"][1]) * RATE
-    if physics.speed_filter:
-        speed = smooth(speed, physics.speed_filter, float(speed[0]))
-    root = sqrt(stiffness)
-    law = KV * root * (KP * root * (trace["q_ref"] - trace["q"]) - speed)
-    voltage: FloatArray = np.clip(law, -physics.voltage, physics.voltage)
+    voltage: FloatArray = np.clip(
+        _law(trace, speed(trace, physics), stiffness), -physics.voltage, physics.voltage
+    )
     return voltage
+
+
+def _law(trace: Trace, fed_back: FloatArray, stiffness: float = 1.0) -> FloatArray:
+    root = sqrt(stiffness)
+    return np.asarray(KV * root * (KP * root * (trace["q_ref"] - trace["q"]) - fed_back))
+
+
+def speed(trace: Trace, physics: Physics) -> FloatArray:
+    """Return (n,) the speed [m/s] that the drive feeds back, from the logged ``q``."""
+    fed_back = np.diff(trace["q"], prepend=2 * trace["q"][0] - trace["q"][1]) * RATE
+    if physics.speed_filter:
+        return np.asarray(smooth(fed_back, physics.speed_filter, float(fed_back[0])))
+    return fed_back
+
+
+def unsaturated_voltage(trace: Trace, physics: Physics) -> FloatArray:
+    """Return (n,) the voltage [V] of the control law before saturation, on the logged ``v`` where there is one.
+
+    NaN where the drive is off, and where it may be saturated: the law asks for more than the logged voltage, which is
+    near its largest.
+    """
+    fed_back, u = trace.channels.get("v"), trace["u"]
+    voltage = _law(trace, speed(trace, physics) if fed_back is None else fed_back)
+    if fed_back is None:
+        voltage[0] = np.nan
+    largest = np.abs(u) >= SATURATES * np.nanmax(np.abs(u), initial=0.0)
+    beyond = largest & (np.sign(u) * voltage >= np.abs(u))
+    return np.where((u == 0.0) | beyond, np.nan, voltage)
 
 
 def _smooth(values: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import exp
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -29,7 +29,7 @@ from s2r_spec.effects import (
     words,
 )
 from s2r_spec.trace import Trace
-from s2r_turtlebot import Body, TurtlebotBackend, command, ideal
+from s2r_turtlebot import Body, Constants, TurtlebotBackend, ideal
 
 _AXLE = 0.16
 """[m] between the wheels."""
@@ -51,8 +51,8 @@ class Physics:
     axle: float = 1.0  # length, over that of the drawing
     slip: float = 0.0  # loss of turning rate with speed [s/m]
 
-    def look(self, x: float, y: float, heading: float) -> tuple[float, float, float]:
-        """Return the measured pose [m, m, rad]."""
+    def look(self, x: Any, y: Any, heading: Any) -> tuple[Any, Any, Any]:
+        """Return the measured pose [m, m, rad], of numbers or of arrays."""
         return x, y + self.left, heading + self.heading
 
     def wheels(self, step: float, seed: int) -> Body:
@@ -105,6 +105,23 @@ class Physics:
         left, right = (min(max(v + side * w * _AXLE / 2, -self.speed), self.speed) for side in (-1, 1))
         v, w = self.speed / fastest * v, self.speed / fastest * w
         return v + self.own * ((left + right) / 2 - v), w + self.own * ((right - left) / _AXLE - w)
+
+
+def commands_at(pose: tuple[Any, ...], ox: float, oy: float, robot: Constants) -> tuple[Any, Any]:
+    """Return :func:`s2r_turtlebot.command` at (n,) poses; the check of the backend compares both."""
+    (sx, sy), (ex, ey), c, s = robot.start, robot.goal, np.cos(pose[2]), np.sin(pose[2])
+    x, y = pose[0] + robot.ahead * c, pose[1] + robot.ahead * s
+    gx, gy, dx, dy = ex - x, ey - y, x - ox, y - oy
+    distance, square = np.maximum(np.hypot(gx, gy), 1e-9), np.maximum(dx * dx + dy * dy, 1e-9)
+    pull = robot.speed * np.tanh(distance / robot.reach) / distance
+    side = 1.0 if (ex - sx) * (oy - sy) >= (ey - sy) * (ox - sx) else -1.0
+    turn = side * robot.speed * robot.swirl * np.exp(-square / robot.keep**2) / robot.keep
+    ux, uy = pull * gx - turn * dy, pull * gy + turn * dx
+    lacking = np.maximum(0.0, -robot.decay * (square - robot.keep**2) - 2 * (dx * ux + dy * uy)) / (
+        2 * square
+    )
+    ux, uy = ux + lacking * dx, uy + lacking * dy
+    return c * ux + s * uy, (c * uy - s * ux) / robot.ahead
 
 
 effect = ModelEffect.of
@@ -172,19 +189,21 @@ class TurtlebotWithEffects(TurtlebotBackend):
         return replace(self, added=choose("turtlebot", CATALOGUE, self.added, values))
 
     def commands(self, trace: Trace, params: Mapping[str, float]) -> Trace:
-        """Return ``v`` and ``w`` of the law at the recorded poses; see :class:`s2r_spec.backend.HasControlLaw`.
+        """Return ``v`` and ``w`` of the law at the recorded poses, and the distances of these.
 
-        A sample has the command of the tick that led to it, so that of the pose one sample before.
+        See :class:`s2r_spec.backend.HasControlLaw`. A sample has the command of the tick that led to it, so that of
+        the pose one sample before.
         """
-        if not {"x", "y", "heading", "v", "w"} <= set(trace.channels):
+        if not {"x", "y"} <= set(trace.channels):
             return trace.only(())
         ox, oy = read_test(self.name, self.parameters, params).values()
-        poses = zip(*(trace[name].tolist() for name in ("x", "y", "heading")), strict=True)
-        look = self._physics.look
-        law = np.array([(np.nan, np.nan), *(command(look(*pose), ox, oy, self.constants) for pose in poses)])[
-            :-1
-        ]
-        return trace.only(["v", "w"]).with_channels(lambda name, _: law[:, ("v", "w").index(name)])
+        x, y, goal = trace["x"], trace["y"], self.constants.goal
+        law = {"d_goal": np.hypot(x - goal[0], y - goal[1]), "d_obs": np.hypot(x - ox, y - oy)}
+        if "heading" in trace.channels:
+            sent = commands_at(self._physics.look(x, y, trace["heading"]), ox, oy, self.constants)
+            law |= {name: np.append(np.nan, one[:-1]) for name, one in zip("vw", sent, strict=True)}
+        law = {name: values for name, values in law.items() if name in trace.channels}
+        return trace.only(law).with_channels(lambda name, _: law[name])
 
     @property
     def _physics(self) -> Physics:

@@ -151,6 +151,7 @@ class HasControlLaw(Protocol):
     """A simulator that computes the commands of its controller from recorded channels, without a simulation.
 
     The law is the same on the machine, so a recording that breaks it has a mistake, whatever the machine's physics is.
+    What acts in the controller's eyes, such as a sensor's error, is an effect of ``with_effects(values).commands``.
     """
 
     def commands(self, trace: Trace, params: Mapping[str, float]) -> Trace:
@@ -161,8 +162,9 @@ class HasControlLaw(Protocol):
             params: parameters of its test; a missing one takes its default.
 
         Returns:
-            Commanded channels by their names in the trace, (n,) or (n, k); NaN where the law says nothing, as at the
-            first sample. Without a channel that the law reads, no channels.
+            Channels that the controller or its recorder computes from the test and other channels, by their names in
+            the trace, (n,) or (n, k). NaN where the law says nothing, as at the first sample or at saturation. What
+            cannot be computed is left out.
         """
 
 

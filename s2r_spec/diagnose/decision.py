@@ -6,6 +6,7 @@ the posterior mean of all. The better one counts. The first rule that holds deci
 
 | rule | condition | verdict |
 | --- | --- | --- |
+| BROKEN | recordings break the law of the controller: nothing is estimated from them | none of these |
 | LEFT | a misfit shows, and the most probable set leaves over a quarter of it | none of these |
 | REMAINDER | the gap shows, some motion no effect explains, and named effects close less than 80 % | none of these |
 | STAYS | surely not all is closed, and less than half with an effect named, else less than 80 % | none of these |
@@ -59,6 +60,7 @@ class Verdict(Toned):
 class Rule(Enum):
     """The rule behind a verdict; see the table of this module."""
 
+    BROKEN = "broken", Verdict.UNKNOWN
     LEFT = "left", Verdict.UNKNOWN
     REMAINDER = "remainder", Verdict.UNKNOWN
     STAYS = "stays", Verdict.UNKNOWN
@@ -148,6 +150,8 @@ class Evidence:
         """Return the first rule that holds."""
         far, shows = self.held_out, self.shows
         named = bool(self.named) and not (far is not None and far.harmful)
+        if any(one.certain for one in self.findings):
+            return Rule.BROKEN
         if self.misfit is not None and self.misfit.rejected:
             return Rule.LEFT
         if shows and any(one.material for one in self.left) and not (far and far.explained):

@@ -21,7 +21,6 @@ from pathlib import Path
 from s2r_spec.backend import Backend, HasRecordings, load_backend
 from s2r_spec.backend.effects import catalogue_of
 from s2r_spec.backend.protocols import HasProtocols, protocol_of
-from s2r_spec.base.distribution import version
 from s2r_spec.base.errors import S2RError, UsageError
 from s2r_spec.certify.arguments import as_folder, as_rollouts, as_simulator, as_spec
 from s2r_spec.diagnose.data.campaign import BUDGET, campaign, plan, smallest_with_held_out
@@ -51,7 +50,8 @@ from s2r_spec.diagnose.inference.estimates import (
     with_status,
 )
 from s2r_spec.diagnose.notes import notes
-from s2r_spec.diagnose.quality import findings
+from s2r_spec.diagnose.quality import certain_findings, likely_findings
+from s2r_spec.diagnose.refusal import provenance, refusal
 from s2r_spec.diagnose.residuals.left import remainders
 from s2r_spec.diagnose.simulator.axes import Values
 from s2r_spec.diagnose.simulator.bench import Bench, TestRun, refuse_machine, travels
@@ -147,9 +147,14 @@ def diagnose(
         work = _Work(replace(bench, pool=pool), seed, tell, kept)
         if isinstance(real, Backend) and not isinstance(real, HasRecordings):
             data = _campaign(work, real, budget, folder, protocols, passive)
+            rollouts = data.rollouts
         else:
-            data = _recordings(work, real, budget, protocols, passive)
-        diagnosis = _answer(work, data, where)
+            rollouts, data = recorded_rollouts(work.bench, real, budget, passive), None
+        tell("checking the recordings", 0, 0)
+        if broken := certain_findings(work.bench, rollouts.tests):
+            diagnosis = refusal(work.bench, seed, rollouts, broken, ASSUMPTIONS)
+        else:
+            diagnosis = _answer(work, data or _recordings(work, rollouts, protocols, passive), where)
     return replace(diagnosis, notes=(*diagnosis.notes, *dict.fromkeys(kept.notes)), spec=spec, real=called)
 
 
@@ -276,10 +281,7 @@ def _campaign(
     return replace(before, rollouts=rollouts, parts=split(rollouts, work.seed, fixed.held_out))
 
 
-def _recordings(
-    work: _Work, real: Rollouts | Backend, budget: int | None, protocols: Sequence[str] | None, passive: bool
-) -> _Data:
-    rollouts = recorded_rollouts(work.bench, real, budget, passive)
+def _recordings(work: _Work, rollouts: RealRollouts, protocols: Sequence[str] | None, passive: bool) -> _Data:
     run = list(dict.fromkeys(experiment for experiment, _ in rollouts.protocols))
     runnable, _ = allowed_experiments(work.bench.backend, work.bench.backend, () if passive else protocols)
     others = () if passive else _protocols(work.bench, [*run, *runnable])
@@ -328,7 +330,7 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
     bench, seed, tell = work.bench, work.seed, work.tell
     tests, parts, axes = data.rollouts.tests, data.parts, data.responses.parameters
     used = [*parts.train.tests, *parts.held_out]
-    odd = findings(work.counted("checking the recordings"), tests, axes)
+    odd = likely_findings(work.counted("checking the recordings"), tests, axes)
     # Tests at which a rollout ended early come last, so that an accident changes no seed of another test.
     ordered = sorted(tests, key=lambda run: run[1].failure is not None)
     nominal = Nominal.of(work.counted("simulating all tests"), [test for test, _ in ordered], seed)
@@ -360,16 +362,7 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
         Which(evidence, by_effects(fitted.posterior, axes), upcoming),
         _locate(work, used, tuned) if want_where and used else None,
         tuned,
-        {
-            "s2r": version(),
-            "seed": seed,
-            "spec_hash": bench.spec.hash,
-            "requirement": bench.requirement,
-            "backend": bench.backend.name,
-            "model_hash": bench.backend.model_hash,
-            "rollouts": len(data.rollouts.tests) + len(data.rollouts.protocols),
-            "held_out": len(parts.held_out),
-        },
+        provenance(bench, seed, data.rollouts, len(parts.held_out)),
         ASSUMPTIONS,
         (*lacking, *data.rollouts.notes),
         passive=not data.rollouts.protocols,

@@ -14,10 +14,15 @@ LITTLE = "a few percent of every effect"
 """Definition: the words for the small effects that every machine has; alone they make no material gap."""
 
 
+_NOTHING = "So no effect was estimated: correct the recordings first."
+
+
 def reason(diagnosis: Diagnosis) -> str:
     """Return the reason for the verdict of a diagnosis."""
     material, which = _materiality(diagnosis), diagnosis.which
     match diagnosis.rule:
+        case Rule.BROKEN:
+            sentences = ["The recordings break the law of the controller, which no machine does.", _NOTHING]
         case Rule.EFFECT | Rule.OPEN | Rule.RIVALS:
             sentences = [material, f"{_effects(diagnosis, 'explain')} the data best."]
             sentences += _closes(diagnosis) if diagnosis.evidence.shows else []

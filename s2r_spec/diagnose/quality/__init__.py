@@ -23,14 +23,14 @@ the recordings as usual, while a machine does so, too, is a finding of the *same
 too short or in too few rollouts for this is found in single channels (:mod:`.channels`).
 
 Where the simulator knows the law of its controller, recordings that break it are found before all this, exactly and
-without a simulation (:mod:`.law`).
+without a simulation (:mod:`.law`). Such a finding is *certain*: nothing is estimated from these recordings.
 
 Units: r, J, D in floors; Q, ℓ dimensionless. Source: marginal likelihood of a linear Gaussian model (Rasmussen &
 Williams 2006, §2.7, explicit basis functions; Woodbury), generalised-likelihood-ratio tests (Basseville & Nikiforov
 1993, ch. 7).
 """
 
-from s2r_spec.diagnose.quality.decide import findings
+from s2r_spec.diagnose.quality.decide import certain_findings, findings, likely_findings
 from s2r_spec.diagnose.quality.finding import Finding
 
-__all__ = ["Finding", "findings"]
+__all__ = ["Finding", "certain_findings", "findings", "likely_findings"]

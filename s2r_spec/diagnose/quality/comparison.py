@@ -177,12 +177,17 @@ def affordable(bench: Bench, rollouts: int, least: int, most: int) -> int:
 def columns_of(
     bench: Bench, traces: Sequence[Trace], without: Sequence[str] = ()
 ) -> tuple[ChannelColumn, ...]:
-    """Return the columns that every recording has, of numbers throughout, but for some channels'."""
+    """Return the columns that every recording has, of numbers throughout, but for some channels'.
+
+    Counts of the controller's software, such as a solver's iterations, are left out: no instrument measures them.
+    """
     columns: list[ChannelColumn] = []
     for channel in bench.backend.channels:
         values = [trace.channels.get(channel.name, np.full(1, np.nan)) for trace in traces]
         alike = len({each.shape[1:] for each in values}) == 1
         if channel.name in without or not alike or not all(np.isfinite(each).all() for each in values):
+            continue
+        if channel.unit == "" and _counts(values):
             continue
         words = channel.columns or [f"column {place + 1}" for place in range(channel.width)]
         names = [channel.name] if channel.width == 1 else [f"{channel.name}, {word}" for word in words]
@@ -190,6 +195,12 @@ def columns_of(
             ChannelColumn(channel.name, place, name, channel.unit) for place, name in enumerate(names)
         ]
     return tuple(columns)
+
+
+def _counts(values: Sequence[FloatArray]) -> bool:
+    """Whether all samples are whole numbers, and some are beyond 0 and 1, which are flags."""
+    whole = all((each == np.round(each)).all() for each in values)
+    return whole and any((np.abs(each - 0.5) > 0.5).any() for each in values)
 
 
 def compare(

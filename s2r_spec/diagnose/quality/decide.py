@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from s2r_spec.base.arrays import FloatArray
-from s2r_spec.diagnose.quality.channels import by_channel, hold
+from s2r_spec.diagnose.quality.channels import by_channel, find_copied, hold
 from s2r_spec.diagnose.quality.comparison import CLEAR, Comparison, compare
 from s2r_spec.diagnose.quality.faults import Fault, Undone, faults
 from s2r_spec.diagnose.quality.finding import Finding
@@ -56,10 +56,24 @@ class _Judged:
 def findings(
     bench: Bench, rollouts: Sequence[TestRun], axes: Sequence[EffectAxis] = ()
 ) -> tuple[Finding, ...]:
-    """Return the mistakes that the recordings, in the order of their table, seem to have."""
+    """Return the mistakes that the recordings, in the order of their table, have for certain, or else seem to have."""
+    return certain_findings(bench, rollouts) or likely_findings(bench, rollouts, axes)
+
+
+def certain_findings(bench: Bench, rollouts: Sequence[TestRun]) -> tuple[Finding, ...]:
+    """Return the mistakes that no machine can explain; whatever else the recordings show follows from them."""
     of = Recordings(bench, rollouts)
-    if broken := by_law(of):
-        return tuple(broken)  # whatever else the recordings show follows from it
+    broken = by_law(of)
+    if any(one.code == "labels" for one in broken) and (copied := find_copied(of)):
+        return tuple(replace(one, certain=True) for one in copied)
+    return tuple(broken)
+
+
+def likely_findings(
+    bench: Bench, rollouts: Sequence[TestRun], axes: Sequence[EffectAxis] = ()
+) -> tuple[Finding, ...]:
+    """Return the mistakes that the recordings seem to have beside the simulator."""
+    of = Recordings(bench, rollouts)
     first = by_channel(of)
     held, straight = hold(of)
     c = compare(bench, straight.rollouts, axes, [each.channel for each in first])

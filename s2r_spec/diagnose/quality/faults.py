@@ -302,11 +302,13 @@ def search(
     empty = ChannelGroup() in starts
 
     def form(size: float) -> FloatArray:
-        """Return (1 + m, 1 + m) products of the weighted parts, relative to those of r₀."""
+        """Return (1 + m, 1 + m) products of the weighted parts, less that of r₀."""
         products = c.products(np.multiply(*parts(size))) if callable(parts) else fixed
         rows = np.eye(len(products)) if weights is None else weights(size)
         quadratic = rows @ products @ rows.T
         quadratic[0, 0] -= products[0, 0]
+        if callable(parts):  # sizes that leave other instants are compared by the part that they remove
+            quadratic /= max(float(products[0, 0]), 1e-300)
         return np.asarray(quadratic if prices is None else quadratic + np.diag([0.0, *prices(size)]))
 
     def grown(products: FloatArray, on: FloatArray) -> tuple[float, FloatArray]:

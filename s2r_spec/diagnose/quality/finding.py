@@ -20,6 +20,7 @@ class Finding(Shown):
         imitates: what would do the same as an effect, in a few words ("a wrong clock"); "" where the mistake is no
             rival of any effect.
         same: whether an effect of the catalogue explains the recordings as well.
+        certain: whether no machine can explain the recordings; nothing is estimated from these.
     """
 
     code: str
@@ -27,6 +28,7 @@ class Finding(Shown):
     text: str
     imitates: str = ""
     same: bool = False
+    certain: bool = False
 
     JSON = "code channel text"
 

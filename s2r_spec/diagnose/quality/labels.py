@@ -35,7 +35,7 @@ class _Other:
 
 def labels(bench: Bench, c: Comparison, rollouts: Sequence[TestRun]) -> list[Fault]:
     """Run the simulator at other tests, and return what explains most of each kind of wrong label."""
-    others = [one for one in _other_tests(bench, c, rollouts) if _able(bench, one.tests)]
+    others = [one for one in _other_tests(bench, c, rollouts) if is_able(bench, one.tests)]
     means = {key_of(test): mean for test, mean in zip(c.tests, c.nominal, strict=True)}
     tests = {key_of(test): test for one in others for test in one.tests if key_of(test) not in means}
     faults = list(_assignment(c))
@@ -89,7 +89,8 @@ def _other_tests(bench: Bench, c: Comparison, rollouts: Sequence[TestRun]) -> It
             yield _Other(tests, text, f"{a} and {b} exchanged", every)
 
 
-def _able(bench: Bench, tests: Sequence[Mapping[str, float]]) -> bool:
+def is_able(bench: Bench, tests: Sequence[Mapping[str, float]]) -> bool:
+    """Return whether the simulator can run these tests of the specification."""
     ranges = {parameter.name: parameter for parameter in bench.backend.parameters}
     return all(
         name not in ranges or ranges[name].low <= value <= ranges[name].high
