@@ -9,6 +9,9 @@ The median leaves out steps and impacts. Only what exceeds the same estimate of 
 samples then has the further variance v/n. The ripple, log(scatter + FLOOR), is larger by a known amount, of which the
 square counts as variance.
 
+White noise moves innovations by a known amount, of which the square counts as variance. Their scatter follows from each
+trace itself (:meth:`..innovations.Innovations.scatter`), in parts of that of a simulated trace.
+
 Where tests were repeated, the variance of the observables of group g exceeds that of the simulator by f_g = (ν + Σ m
 q)/(ν + Σ m), with q the ratio of both variances at a test, and m its degrees of freedom: of one less than its runs, in
 N_g independent numbers.
@@ -57,7 +60,7 @@ def instrument_variance(
     variance, innovations = np.zeros(nominal.size), {}
     channels = {one.name: one for one in observables.channels}
     if observables.innovations:
-        innovations = observables.innovations.noise(np.concatenate([noise[name] for name in channels]))
+        innovations = observables.innovations.shift(np.concatenate([noise[name] for name in channels]))
     for group in observables.groups:
         own = noise[group.quantity]
         places = slice(group.start, group.stop)
@@ -70,5 +73,5 @@ def instrument_variance(
             scatter = np.maximum(np.exp(nominal[places]) - FLOOR, 0.0)
             variance[places] = (np.log(np.sqrt(scatter**2 + each) + FLOOR) - nominal[places]) ** 2
         elif group.statistic == "innovation":
-            variance[places] = of_columns(innovations, observables.columns(channels[group.quantity]))
+            variance[places] = of_columns(innovations, observables.columns(channels[group.quantity])) ** 2
     return np.nan_to_num(variance)

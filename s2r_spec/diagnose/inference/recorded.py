@@ -50,7 +50,7 @@ class Recorded:
         runs: Mapping[Experiment, Sequence[Trace]],
     ) -> Recorded:
         """Return those of experiment → real runs, with residuals, that have something to show."""
-        every = []
+        every, parts = [], []
         for experiment, traces in runs.items():
             response = library.response(experiment)
             vectors = [response.observables.vector(trace) for trace in traces]
@@ -64,13 +64,18 @@ class Recorded:
                     response.observables, response.nominal, beyond, max(map(len, traces))
                 )
                 every.append((one, np.array(whole)[:, one.kept], extra[one.kept]))
-        ratios = _replicate_ratios(every)
+                parts.append((_innovations(one, traces), _innovations(one, [nominal])))
+        ratios = _replicate_ratios(every) | _innovation_ratios(every, parts)
         observations, machine, scatter = [], [], []
         for one, rows, extra in every:
             own = one.response.scatter[one.kept] ** 2
             variance = own + extra
             for name, places in one.parts:
-                variance[places] *= ratios[one.response.experiment.protocol, name]
+                ratio = ratios[one.response.experiment.protocol, name]
+                if name[1] == "innovation":
+                    variance[places] = own[places] * ratio + extra[places]
+                else:
+                    variance[places] *= ratio
             plain = replace(one, law=0.0, form=np.zeros_like(one.form), spread=np.zeros_like(one.spread))
             observations.append(plain)
             scatter.append(own)
@@ -125,6 +130,27 @@ def _replicate_ratios(
                     total[name] += number * float(np.nanmean(ratio))
                     free[name] += number
     return {name: max(value / free[name], 1.0) for name, value in total.items()}
+
+
+def _innovations(one: Observation, traces: Sequence[Trace]) -> dict[str, float]:
+    """Return channel → mean variance of its innovations in some traces."""
+    each = [one.response.observables.innovation_scatter(trace) for trace in traces]
+    names = dict.fromkeys(name for own in each for name in own)
+    return {name: float(np.mean([own[name].mean() for own in each if name in own])) for name in names}
+
+
+def _innovation_ratios(
+    every: Sequence[tuple[Observation, FloatArray, FloatArray]],
+    means: Sequence[tuple[dict[str, float], dict[str, float]]],
+) -> dict[tuple[str, tuple[str, str]], float]:
+    """Return protocol and group of innovations → by which they scatter more in real traces; at least 1."""
+    total: dict[tuple[str, tuple[str, str]], list[tuple[float, float]]] = {}
+    for (one, _, _), (real, simulated) in zip(every, means, strict=True):
+        for name in real.keys() & simulated.keys():
+            key = one.response.experiment.protocol, (name, "innovation")
+            total.setdefault(key, []).append((real[name], simulated[name]))
+    sums = {key: np.sum(pairs, axis=0) for key, pairs in total.items()}
+    return {key: max(float(own[0] / max(own[1], 1e-12)), 1.0) for key, own in sums.items()}
 
 
 def background(one: Observation) -> FloatArray:

@@ -44,6 +44,8 @@ RIDGE = 1e-9
 
 LEAST = 0.1
 """Tolerance: excitation, as a part of that in nominal runs, below which a direction of β is not resolved."""
+BLOCKS = 20
+"""Definition: parts of a trace, each longer than the noise of a run is correlated."""
 WHOLE = 0.9
 """Tolerance: part of the samples from which on a trace counts as whole."""
 
@@ -68,6 +70,14 @@ class Predictor:
     def places(self) -> NDArray[np.int64]:
         """(p,) places of its regressors among those of all columns."""
         return _places(self.inputs)
+
+    def gram(self, excited: FloatArray) -> FloatArray:
+        """Return (m_j, m_j) G in units of G_0, at least a tenth of it, from (n, m_j) regressors."""
+        return np.asarray(self.error * excited.T @ excited + LEAST * np.eye(excited.shape[1]))
+
+    def solved(self, excited: FloatArray, error: FloatArray) -> FloatArray:
+        """Return (m_j,) the changes of β in units of their scatter, from (n, m_j) regressors and (n,) errors."""
+        return np.asarray(np.linalg.solve(self.gram(excited), excited.T @ error))
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,28 +124,45 @@ class Innovations:
 
     def of(self, x: FloatArray, times: FloatArray, duration: float) -> dict[int, FloatArray]:
         """Return column → its observables, from (n, C) samples; NaN of a trace that is short or has few samples."""
-        if not self.predictors:
+        seen = self._seen(x, times, duration)
+        if seen is None:
+            return {j: np.full(len(one.whitening), np.nan) for j, one in self.predictors.items()}
+        return {j: (1.0 + LEAST) * one.solved(*_own(one, j, *seen)) for j, one in self.predictors.items()}
+
+    def scatter(self, x: FloatArray, times: FloatArray, duration: float) -> dict[int, FloatArray]:
+        """Return column → the variance of its observables, from how errors of :data:`BLOCKS` parts of a trace differ.
+
+        The errors are those that the trace's own β leaves. So neither an effect nor the colour of the noise matters.
+        """
+        seen, found = self._seen(x, times, duration), {}
+        if seen is None:
             return {}
+        for j, one in self.predictors.items():
+            excited, error = _own(one, j, *seen)
+            if not (np.isfinite(excited).all() and np.isfinite(error).all()):
+                continue
+            error = error - excited @ (one.error * one.solved(excited, error))
+            parts = np.array_split(np.arange(len(error)), BLOCKS)
+            scores = np.array([excited[part].T @ error[part] for part in parts])
+            solved = np.linalg.solve(one.gram(excited), scores.T)
+            found[j] = np.asarray((1.0 + LEAST) ** 2 * BLOCKS / (BLOCKS - 1.0) * (solved**2).sum(axis=1))
+        return found
+
+    def _seen(
+        self, x: FloatArray, times: FloatArray, duration: float
+    ) -> tuple[FloatArray, FloatArray] | None:
+        """Return regressors and changes of a trace, as :func:`_regressors`; None of a short one or few samples."""
+        if not self.predictors:
+            return None
         count = self.intervals + 1
         rows = np.searchsorted(times, np.linspace(0.0, duration, count) - 0.5 * duration / self.intervals)
         rows = np.unique(np.minimum(rows, len(times) - 1))
         if len(rows) < WHOLE * count:
-            return {j: np.full(len(one.whitening), np.nan) for j, one in self.predictors.items()}
-        past, change = _regressors((x[rows] - self.mean) / self.scale)
-        found = {}
-        for j, one in self.predictors.items():
-            own = past[:, one.places]
-            score = one.whitening @ (own.T @ (change[:, j] - own @ one.weights))
-            excited = own @ one.whitening.T
-            gram = one.error * excited.T @ excited + LEAST * np.eye(len(score))
-            found[j] = np.asarray((1.0 + LEAST) * np.linalg.solve(gram, score))
-        return found
+            return None
+        return _regressors((x[rows] - self.mean) / self.scale)
 
-    def noise(self, variance: FloatArray) -> dict[int, FloatArray]:
-        """Return column → the variance of its observables by white noise, (C,) in samples of the channels.
-
-        The shift that noise makes counts as a standard deviation.
-        """
+    def shift(self, variance: FloatArray) -> dict[int, FloatArray]:
+        """Return column → by how much white noise moves its observables, (C,) of this variance in the channels."""
         v = variance / self.scale**2
         found = {}
         for j, one in self.predictors.items():
@@ -144,8 +171,7 @@ class Innovations:
             shift[0] = 0.0
             if j in one.inputs:
                 shift[1 + len(LAGS) * one.inputs.index(j)] -= v[j]
-            error = 2.0 * v[j] + float(one.weights[1:] ** 2 @ np.repeat(v[list(one.inputs)], len(LAGS)))
-            found[j] = np.asarray((self.intervals * one.whitening @ shift) ** 2 + error / one.error)
+            found[j] = np.asarray(self.intervals * one.whitening @ shift)
         return found
 
     def to_json(self) -> dict[str, Any]:
@@ -180,6 +206,12 @@ def _regressors(x: FloatArray) -> tuple[FloatArray, FloatArray]:
     first, count = LAGS[-1], len(x) - 1 - LAGS[-1]
     past = np.stack([x[first - lag : first - lag + count] for lag in LAGS], axis=2)
     return np.column_stack([np.ones(count), past.reshape(count, -1)]), np.diff(x, axis=0)[first:]
+
+
+def _own(one: Predictor, j: int, past: FloatArray, change: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return (n, m_j) regressors in units of their scatter, and (n,) errors of nominal β, of column j."""
+    own = past[:, one.places]
+    return own @ one.whitening.T, change[:, j] - own @ one.weights
 
 
 def _places(inputs: Sequence[int]) -> NDArray[np.int64]:

@@ -153,6 +153,15 @@ class Observables:
         before = [one.scale.size for one in self.channels[: self.channels.index(quantity)]]
         return slice(sum(before), sum(before) + quantity.scale.size)
 
+    def innovation_scatter(self, trace: Trace) -> dict[str, FloatArray]:
+        """Return channel → variances of its innovations in one trace; nothing where it has none."""
+        if not self.innovations:
+            return {}
+        values = np.hstack([one.of(trace) for one in self.channels])
+        each = self.innovations.scatter(values, trace.times - trace.times[0], self.duration)
+        found = {one.name: of_columns(each, self.columns(one)) for one in self.channels}
+        return {name: own for name, own in found.items() if own.size}
+
     def vector(self, trace: Trace) -> FloatArray:
         """Return (m,) the observables of a trace with residuals."""
         values = {quantity.name: quantity.of(trace) for quantity in self.quantities}

@@ -60,18 +60,26 @@ def test_an_effect_of_half_the_size_shows_half_as_much(nominal):
     assert half - healthy == pytest.approx(0.5 * (whole - healthy), abs=0.15 * np.abs(whole - healthy).max())
 
 
-def test_noise_of_instruments_is_accounted_for(nominal):
+def test_the_shift_by_noise_of_instruments_is_known(nominal):
     rng = np.random.default_rng(5)
     runs = [loop(200 + k) for k in range(24)]
-    sigma = np.array([0.01, 0.0])
+    sigma = np.array([0.0, 0.1])
     clean, noisy = (
         np.array([vector(nominal, x, POSITION) for x in own])
         for own in (runs, [x + sigma * rng.normal(size=x.shape) for x in runs])
     )
-    shift = (noisy - clean).mean(axis=0)
-    expected = of_columns(nominal.noise(sigma**2), POSITION)
-    assert (shift**2 + (noisy - clean).var(axis=0)).mean() == pytest.approx(expected.mean(), rel=0.6)
-    assert of_columns(nominal.noise(np.zeros(2)), POSITION) == pytest.approx(np.zeros(expected.size))
+    expected = of_columns(nominal.shift(sigma**2), POSITION)
+    assert np.linalg.norm((noisy - clean).mean(axis=0) - expected) < 0.6 * np.linalg.norm(expected)
+    assert of_columns(nominal.shift(np.zeros(2)), POSITION) == pytest.approx(np.zeros(expected.size))
+
+
+@pytest.mark.parametrize(
+    ("more", "least", "most"), [({}, 0.7, 1.4), ({"noise": 0.04}, 2.5, 5.5), ({"delay": 2}, 0.6, 2.0)]
+)
+def test_the_scatter_follows_from_each_trace(nominal, more, least, most):
+    """Twice the noise scatters four times as much; an effect does not."""
+    each = [of_columns(nominal.scatter(loop(300 + k, **more), TIMES, float(N)), POSITION) for k in range(12)]
+    assert least < np.mean(each) < most
 
 
 def test_a_short_trace_and_one_of_few_samples_show_nothing(nominal):
