@@ -6,7 +6,7 @@ small amounts of all effects. With effects of another author's laws, the part ρ
 
     shown = Σ_g N_g log max(E_g(0), 1) / Σ_g N_g,    left = Σ_g N_g log max(E_g, 1) / Σ_g N_g log max(E_g(0), 1)
 
-N_g is the number of independent observables. A set is rejected by the size of what it leaves, not by a p-value: no real
+N_g is the number of independent observables. Innovations do not count: they show the law of a machine's noise, too. A set is rejected by the size of what it leaves, not by a p-value: no real
 machine has exactly the laws of its simulator, so with enough data every p-value is small.
 
 Units: dimensionless. Shapes: G groups of all experiments, K parameters.
@@ -53,11 +53,14 @@ class Misfit(Shown):
         """Return it from (G,) mean squares of the groups of all observations."""
         names = [(one.response.experiment.protocol, name) for one in observations for name, _ in one.parts]
         size = np.concatenate([one.effective for one in observations])
-        each = [np.array([own == name for own in names]) for name in dict.fromkeys(names)]
+        motion = [name for name in dict.fromkeys(names) if name[1][1] != "innovation"]
+        each = [np.array([own == name for own in names]) for name in motion]
         before, after = ([float(one[own].mean()) for own in each] for one in (nominal, best))
         number = np.array([size[own].sum() for own in each])
         misfit, rest = (float(number @ np.log(np.maximum(one, 1.0))) for one in (before, after))
-        return cls(len(observations), misfit / float(number.sum()), rest / misfit if misfit else 0.0)
+        return cls(
+            len(observations), misfit / max(float(number.sum()), 1.0), rest / misfit if misfit else 0.0
+        )
 
     @property
     def rejected(self) -> bool:

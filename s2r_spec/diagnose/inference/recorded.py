@@ -65,7 +65,9 @@ class Recorded:
                 )
                 every.append((one, np.array(whole)[:, one.kept], extra[one.kept]))
                 parts.append((_innovations(one, traces), _innovations(one, [nominal])))
-        ratios = _replicate_ratios(every) | _innovation_ratios(every, parts)
+        ratios = _replicate_ratios(every)
+        for key, ratio in _innovation_ratios(every, parts).items():
+            ratios[key] = max(ratios.get(key, 1.0), ratio)
         observations, machine, scatter = [], [], []
         for one, rows, extra in every:
             own = one.response.scatter[one.kept] ** 2

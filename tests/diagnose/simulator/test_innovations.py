@@ -63,7 +63,7 @@ def test_an_effect_of_half_the_size_shows_half_as_much(nominal):
 def test_the_shift_by_noise_of_instruments_is_known(nominal):
     rng = np.random.default_rng(5)
     runs = [loop(200 + k) for k in range(24)]
-    sigma = np.array([0.0, 0.1])
+    sigma = np.array([0.0, 0.03])
     clean, noisy = (
         np.array([vector(nominal, x, POSITION) for x in own])
         for own in (runs, [x + sigma * rng.normal(size=x.shape) for x in runs])
