@@ -6,8 +6,9 @@ small amounts of all effects. With effects of another author's laws, the part ρ
 
     shown = Σ_g N_g log max(E_g(0), 1) / Σ_g N_g,    left = Σ_g N_g log max(E_g, 1) / Σ_g N_g log max(E_g(0), 1)
 
-N_g is the number of independent observables. Innovations do not count: they show the law of a machine's noise, too. A set is rejected by the size of what it leaves, not by a p-value: no real
-machine has exactly the laws of its simulator, so with enough data every p-value is small.
+N_g is the number of independent observables. Innovations do not count: they show the law of a machine's noise, too. A
+set is rejected by the size of what it leaves, not by a p-value: no real machine has exactly the laws of its simulator,
+so with enough data every p-value is small.
 
 Units: dimensionless. Shapes: G groups of all experiments, K parameters.
 """
