@@ -28,7 +28,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from s2r_spec.base.arrays import FloatArray
-from s2r_spec.diagnose.simulator.innovations import of_columns
 from s2r_spec.diagnose.simulator.observables import BINS, FLOOR, WINDOWS, Observables
 from s2r_spec.trace import Trace
 
@@ -47,7 +46,11 @@ def white_noise(observables: Observables, traces: Sequence[Trace]) -> dict[str, 
 
 
 def instrument_variance(
-    observables: Observables, nominal: FloatArray, noise: Mapping[str, FloatArray], samples: int
+    observables: Observables,
+    nominal: FloatArray,
+    noise: Mapping[str, FloatArray],
+    samples: int,
+    trace: Trace | None = None,
 ) -> FloatArray:
     """Return (m,) the variance that noise in the samples adds to the observables of one run.
 
@@ -56,11 +59,10 @@ def instrument_variance(
         nominal: (m,) observables of a simulated run.
         noise: quantity → (columns,) variance in a sample, beyond that of a simulated run.
         samples: in a run.
+        trace: a simulated run, for the innovations.
     """
-    variance, innovations = np.zeros(nominal.size), {}
-    channels = {one.name: one for one in observables.channels}
-    if observables.innovations:
-        innovations = observables.innovations.shift(np.concatenate([noise[name] for name in channels]))
+    variance = np.zeros(nominal.size)
+    shift = observables.innovation_shift(trace, noise) if trace is not None else {}
     for group in observables.groups:
         own = noise[group.quantity]
         places = slice(group.start, group.stop)
@@ -72,6 +74,6 @@ def instrument_variance(
         elif group.statistic == "ripple":
             scatter = np.maximum(np.exp(nominal[places]) - FLOOR, 0.0)
             variance[places] = (np.log(np.sqrt(scatter**2 + each) + FLOOR) - nominal[places]) ** 2
-        elif group.statistic == "innovation":
-            variance[places] = of_columns(innovations, observables.columns(channels[group.quantity])) ** 2
+        elif group.statistic == "innovation" and shift:
+            variance[places] = shift[group.quantity] ** 2
     return np.nan_to_num(variance)

@@ -61,7 +61,7 @@ class Recorded:
                 real, simulated = (white_noise(response.observables, each) for each in (traces, [nominal]))
                 beyond = {name: np.maximum(own - simulated[name], 0.0) for name, own in real.items()}
                 extra = instrument_variance(
-                    response.observables, response.nominal, beyond, max(map(len, traces))
+                    response.observables, response.nominal, beyond, max(map(len, traces)), nominal
                 )
                 every.append((one, np.array(whole)[:, one.kept], extra[one.kept]))
                 parts.append((_innovations(one, traces), _innovations(one, [nominal])))

@@ -13,8 +13,6 @@ The observables of a trace are its own changes of β_j, in units in which they h
 A delay, a lag or a gain between a command and a motion moves them, however the controller reacts to it. They are nearly
 linear in its size. The mean motion of a closed loop is not, and scatters more.
 
-White noise of variance v_i in the samples of channel i moves Σ φ e by −N v_i (β_il + [i = j and l = 0]).
-
 Shapes: C columns of all channels, m_j observables of column j.
 Source: Ljung, *System Identification*, 2nd ed. (1999), §16.6 (errors and past inputs); Gallant & Tauchen, *Econometric
 Theory* 12 (1996) 657 (a simple model's parameters as observables of a simulator).
@@ -42,6 +40,8 @@ GAIN = 0.03
 RIDGE = 1e-9
 """Tolerance: regularisation, and the least eigenvalue of Σ φφᵀ that counts, as a part of the largest."""
 
+NOISY = 4
+"""Budget: traces with more noise, of which the mean shows what noise does."""
 LEAST = 0.1
 """Tolerance: excitation, as a part of that in nominal runs, below which a direction of β is not resolved."""
 BLOCKS = 20
@@ -161,18 +161,14 @@ class Innovations:
             return None
         return _regressors((x[rows] - self.mean) / self.scale)
 
-    def shift(self, variance: FloatArray) -> dict[int, FloatArray]:
-        """Return column → by how much white noise moves its observables, (C,) of this variance in the channels."""
-        v = variance / self.scale**2
-        found = {}
-        for j, one in self.predictors.items():
-            shift = -one.weights.copy()
-            shift[1:] *= np.repeat(v[list(one.inputs)], len(LAGS))
-            shift[0] = 0.0
-            if j in one.inputs:
-                shift[1 + len(LAGS) * one.inputs.index(j)] -= v[j]
-            found[j] = np.asarray(self.intervals * one.whitening @ shift)
-        return found
+    def shift(
+        self, x: FloatArray, times: FloatArray, duration: float, variance: FloatArray
+    ) -> dict[int, FloatArray]:
+        """Return column → by how much white noise moves its observables, (C,) of this variance in (n, C) samples."""
+        rng, before = np.random.default_rng(np.random.SeedSequence(0)), self.of(x, times, duration)
+        noise = np.sqrt(variance) * rng.normal(size=(NOISY, *x.shape))
+        after = [self.of(x + one, times, duration) for one in noise]
+        return {j: np.mean([one[j] - own for one in after], axis=0) for j, own in before.items()}
 
     def to_json(self) -> dict[str, Any]:
         """Return it as lists."""

@@ -20,7 +20,7 @@ difference, which nearly vanish in a nominal trace, it is at least 5 % of the sc
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
@@ -152,6 +152,15 @@ class Observables:
         """Return the columns of a channel among those of all channels."""
         before = [one.scale.size for one in self.channels[: self.channels.index(quantity)]]
         return slice(sum(before), sum(before) + quantity.scale.size)
+
+    def innovation_shift(self, trace: Trace, noise: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+        """Return channel → by how much white noise, of channel → (columns,) variance, moves its innovations."""
+        if not self.innovations:
+            return {}
+        values = np.hstack([one.of(trace) for one in self.channels])
+        variance = np.concatenate([noise[one.name] for one in self.channels])
+        each = self.innovations.shift(values, trace.times - trace.times[0], self.duration, variance)
+        return {one.name: of_columns(each, self.columns(one)) for one in self.channels}
 
     def innovation_scatter(self, trace: Trace) -> dict[str, FloatArray]:
         """Return channel → variances of its innovations in one trace; nothing where it has none."""

@@ -63,14 +63,16 @@ def test_an_effect_of_half_the_size_shows_half_as_much(nominal):
 def test_the_shift_by_noise_of_instruments_is_known(nominal):
     rng = np.random.default_rng(5)
     runs = [loop(200 + k) for k in range(24)]
-    sigma = np.array([0.0, 0.03])
+    sigma = np.array([0.0, 0.1])
     clean, noisy = (
         np.array([vector(nominal, x, POSITION) for x in own])
         for own in (runs, [x + sigma * rng.normal(size=x.shape) for x in runs])
     )
-    expected = of_columns(nominal.shift(sigma**2), POSITION)
+    expected = of_columns(nominal.shift(loop(199), TIMES, float(N), sigma**2), POSITION)
     assert np.linalg.norm((noisy - clean).mean(axis=0) - expected) < 0.6 * np.linalg.norm(expected)
-    assert of_columns(nominal.shift(np.zeros(2)), POSITION) == pytest.approx(np.zeros(expected.size))
+    assert of_columns(nominal.shift(loop(199), TIMES, float(N), np.zeros(2)), POSITION) == pytest.approx(
+        np.zeros(expected.size)
+    )
 
 
 @pytest.mark.parametrize(
