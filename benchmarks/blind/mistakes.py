@@ -276,11 +276,11 @@ def answer(machine: str, seed: int, number: int, code: str, cache: Path | None) 
         "seconds": round(time.process_time() - began, 2),
     }
     if cache is not None and not found:
-        told = diagnose(
+        judged = diagnose(
             SPECS[machine], bench(machine).backend, spoiled, where=False, passive=True, cache=cache
         )
-        out["names"], out["exit"] = list(told.which.answer), told.exit_code
-        out["wrong"] = [name for name in told.which.answer if absent(machine, label, name)]
+        out["names"], out["exit"] = list(judged.which.answer), judged.exit_code
+        out["wrong"] = [name for name in judged.which.answer if absent(machine, label, name)]
     return out
 
 
@@ -324,12 +324,14 @@ def main() -> None:
         for machine in given.machines:
             for code in (code for code in given.codes if code not in WITHOUT[machine]):
                 path = folder / f"{machine}-{number:03d}-{code.replace(' ', '_')}.json"
-                told = json.loads(path.read_text()) if path.exists() else {}
-                if not told or (given.diagnose and not told["found"] and "exit" not in told):
-                    told = answer(machine, given.seed, number, code, given.folder if given.diagnose else None)
-                    path.write_text(json.dumps(told))
-                    print(machine, number, code, told, file=sys.stderr, flush=True)
-                answers.setdefault((machine, code), []).append(told)
+                judged = json.loads(path.read_text()) if path.exists() else {}
+                if not judged or (given.diagnose and not judged["found"] and "exit" not in judged):
+                    judged = answer(
+                        machine, given.seed, number, code, given.folder if given.diagnose else None
+                    )
+                    path.write_text(json.dumps(judged))
+                    print(machine, number, code, judged, file=sys.stderr, flush=True)
+                answers.setdefault((machine, code), []).append(judged)
     result = {"seed": given.seed, "cases": given.cases, "counts": table(answers)}
     print(json.dumps(result, indent=1))
     if given.write:

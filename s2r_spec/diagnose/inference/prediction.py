@@ -15,11 +15,16 @@ Score of a set, with θ and s_g from all tests but t:
     ℓ_t(A) = Σ_g log p(y_tg | y_−t, A),   a Student's t of N_g numbers, scale s_g u_tg, ν + Σ_{t' ≠ t} N_g degrees
 
 Left-out tests do not show an error of the laws, which is the same in all of them. An effect j whose law is off by the
-part ρ0 has an error of shape in every kind κ of group, of any direction among its N_κ numbers. It changes the score
-along a step D of sizes by ρ0 θ_j O_Dj. So of the difference of the scores of two sets, D apart, the part
+part ρ has an error of shape in every kind κ of group, of any direction among its N_κ numbers. It changes the score
+along a step D of sizes by ρ θ_j O_Dj. So of the difference of the scores of two sets, D apart, the part
 1/(1 + Q_D/J_D) counts:
 
-    O_Dj² = Σ_κ (Σ_{g in κ} (J_g,DD J_g,jj)^½)²/N_κ,   J_D = Σ_g J_g,DD,   Q_D = ρ0² Σ_j θ_j² O_Dj²
+    O_Dj² = Σ_κ (Σ_{g in κ} (J_g,DD J_g,jj)^½)²/N_κ,   J_D = Σ_g J_g,DD,   Q_D = ρ² Σ_j θ_j² O_Dj²
+
+ρ is one number of the machine, ρ² ~ Inv-χ²(ν, ρ0²). An error of the laws leaves a residual, but for its part along the
+effects. So with E_g of the residual and S_g of the effects' sum, both mean squares in u, ρ² has the mean
+
+    (ν ρ0² + M Σ_g N_g (E_g − 1)/Σ_g N_g S_g)/(ν + M),   M = Σ_κ N_κ
 
 θ is that of the worse set: its laws may be wrong, and no error of a law makes an effect of none. J_g is that of the
 better set, but J is not more than the scores have along D. The probability of a set is its
@@ -29,11 +34,11 @@ an effect: it makes s_g large in all others.
 
 Within a set, θ has the covariance of the fit and three errors that more tests do not lower:
 
-    Σ_A + diag(jackknife_k + σ_c² + ρ0² θ_k² + ρ0² Σ_{j ≠ k} θ_j² O_kj²/J_kk²)
+    Σ_A + diag(jackknife_k + σ_c² + ρ0² θ_k² + ρ² Σ_{j ≠ k} θ_j² O_kj²/J_kk²)
 
 The jackknife leaves out one group in all tests at a time: it grows where quantities disagree about a size, since the
-machine's law is another one. σ_c and ρ0 are the errors of laws of another author (:mod:`.hierarchical`), which leave no
-residual.
+machine's law is another one. σ_c and ρ0 θ_k are errors of size of another author's laws (:mod:`.hierarchical`), which
+leave no residual.
 
 Units: θ in typical sizes; s dimensionless; ℓ in nats. Shapes: T tests, G groups of all tests, K parameters.
 Source: Vehtari, Gelman & Gabry, *Statistics and Computing* 27 (2017) 1413 (leave-one-out); Yao, Vehtari, Simpson &
