@@ -35,6 +35,8 @@ LAGS = (0, 1, 2, 3, 4, 6, 8, 12, 16)
 """Definition: lags of the regressors, in samples."""
 INPUTS = 3
 """Budget: channels in the regressors of one channel."""
+NEAREST = 16
+"""Budget: channels that are tried beside the first one: those that predict best alone."""
 GAIN = 0.03
 """Tolerance: least part of the error that a further channel removes."""
 RIDGE = 1e-9
@@ -221,16 +223,17 @@ def _solved(gram: FloatArray, moment: FloatArray) -> FloatArray:
 def _inputs(gram: FloatArray, moment: FloatArray, energy: float) -> tuple[tuple[int, ...], float]:
     """Return the columns that predict best, by forward selection, and the energy of the errors that they leave."""
     chosen: tuple[int, ...] = ()
-    left, others = float(energy), range((len(gram) - 1) // len(LAGS))
+    left, others = float(energy), [*range((len(gram) - 1) // len(LAGS))]
     for _ in range(INPUTS):
         tried = {}
-        for i in set(others) - {*chosen}:
+        for i in others:
             places = _places((*chosen, i))
             own = moment[places]
             tried[i] = float(energy - own @ _solved(gram[np.ix_(places, places)], own))
-        best = min(tried, key=lambda i: tried[i], default=-1)
-        if best < 0 or tried[best] > (1.0 - GAIN) * left:
+        others = sorted(tried, key=lambda i: tried[i])[:NEAREST]
+        if not others or tried[others[0]] > (1.0 - GAIN) * left:
             break
+        best = others.pop(0)
         chosen, left = (*chosen, best), tried[best]
     return chosen, max(left, RIDGE * float(energy))
 
