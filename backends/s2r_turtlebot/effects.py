@@ -33,6 +33,8 @@ from s2r_turtlebot import Body, Constants, TurtlebotBackend, ideal
 
 _AXLE = 0.16
 """[m] between the wheels."""
+_CRUISE = 0.4
+"""[m/s] at which slip of any power is the same."""
 
 
 @dataclass(frozen=True)
@@ -46,10 +48,15 @@ class Physics:
     speed: float = 1.0  # fastest wheel [m/s]; at 1 there is no limit
     own: float = 0.0  # 0: at the limit both wheels slow down by one factor; 1: each has its own limit
     lag: float = 0.0  # time constant of the wheels' speed [s]
+    dead: float = 0.0  # part of the lag that is dead time, as of a lag of several stages
     radius: float = 1.0  # of the wheels, over that of the drawing
     uneven: float = 0.0  # share by which the right wheel travels farther, and the left one less
     axle: float = 1.0  # length, over that of the drawing
     slip: float = 0.0  # loss of turning rate with speed [s/m]
+    wheel: float = (
+        0.0  # 0: with the robot's speed; 1: with the mean speed of its wheels, which turn on the spot, too
+    )
+    power: float = 0.0  # 0: in proportion to speed; 1: to its square, with the same loss at :data:`_CRUISE`
 
     def look(self, x: Any, y: Any, heading: Any) -> tuple[Any, Any, Any]:
         """Return the measured pose [m, m, rad], of numbers or of arrays."""
@@ -61,10 +68,11 @@ class Physics:
         They take a command every ``step`` [s], and return speed [m/s] and turning rate [rad/s].
         """
         arrived = self._delayed(step, seed)
-        keep = exp(-step / self.lag) if self.lag else 0.0
+        lag = self.lag * (1.0 - self.dead)
+        keep = exp(-step / lag) if lag else 0.0
         speed = rate = 0.0
 
-        radius, uneven, axle, slip = self.radius, self.uneven, self.axle, self.slip
+        radius, uneven, axle = self.radius, self.uneven, self.axle
 
         def body(v: float, w: float) -> tuple[float, float]:
             nonlocal speed, rate
@@ -72,9 +80,16 @@ class Physics:
             speed, rate = v + keep * (speed - v), w + keep * (rate - w)
             v, w = radius * speed, radius * rate
             v, w = v + uneven * w * _AXLE / 2, w + uneven * v * 2 / _AXLE
-            return v, w / axle / (1 + slip * abs(v))
+            return v, w / axle / self._slipping(abs(v), abs(w) * _AXLE / 2)
 
         return body
+
+    def _slipping(self, straight: float, turning: float) -> float:
+        """Return the factor by which slip divides the turning rate, at speeds [m/s] of the robot and by its turn."""
+        if not self.slip:
+            return 1.0
+        speed = straight + self.wheel * (max(straight, turning) - straight)
+        return 1 + self.slip * speed * float((speed / _CRUISE) ** self.power)
 
     def _delayed(self, step: float, seed: int) -> Body:
         """Return the delay: the wheels receive u(t − delay), and stand still before the first command arrives.
@@ -82,7 +97,7 @@ class Physics:
         A command is held for a tick. If two apply within one tick, the result is their mean, weighted by their times.
         With a jitter every tick has a delay of its own, so that the mean delay stays as it is.
         """
-        if not self.delay:
+        if not self.delay and not (self.lag and self.dead):
             return ideal
         # A stream of its own leaves the slip of a rollout as it is.
         random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1,)))
@@ -91,6 +106,7 @@ class Physics:
         def arrived(v: float, w: float) -> tuple[float, float]:
             sent.append((v, w))
             delay = self.delay * max(0.0, 1 + self.jitter * random.normal()) if self.jitter else self.delay
+            delay += self.dead * self.lag
             ticks, share = divmod(delay / step, 1)
             last = len(sent) - 1 - int(ticks)
             (v1, w1), (v0, w0) = sent[max(0, last - 1)], sent[max(0, last)]
@@ -140,8 +156,11 @@ CATALOGUE = (  # of a parameter: name, unit, low, high, nominal value, prior, an
            "limit by itself.",
            ("speed", "m/s", 0.1, 1.0, 1.0, "1 minus half-normal, 0.3 m/s", limits("speed")),
            ("own", "", 0.0, 1.0, 0.0, "uniform", adds("own"))),
-    effect("motor_lag", "actuation", "The speed of the wheels follows the command with this time constant.",
-           ("time", "s", 0.0, 0.5, 0.0, "half-normal, 0.1 s", adds("lag"))),
+    effect("motor_lag", "actuation",
+           "The speed of the wheels follows the command with this time constant. A part of it may be dead time, as of "
+           "a lag of several stages.",
+           ("time", "s", 0.0, 0.5, 0.0, "half-normal, 0.1 s", adds("lag")),
+           ("dead", "", 0.0, 0.8, 0.0, "half-normal, 0.25", adds("dead"))),
     effect("wheel_radius", "geometry", "Both wheels are larger than drawn by this factor, so the robot drives faster.",
            ("factor", "", 0.7, 1.3, 1.0, "normal around 1, standard deviation 0.1", scales("radius"))),
     effect("uneven_wheels", "geometry",
@@ -151,8 +170,11 @@ CATALOGUE = (  # of a parameter: name, unit, low, high, nominal value, prior, an
            "The axle is longer than in the drawing by this factor, so the robot turns less.",
            ("factor", "", 0.5, 1.6, 1.0, "normal around 1, standard deviation 0.15", scales("axle"))),
     effect("turning_slip", "contact",
-           "The faster the robot drives, the less it turns, because the wheels slide sideways.",
-           ("coefficient", "s/m", 0.0, 4.0, 0.0, "half-normal, 0.8 s/m", adds("slip"))),
+           "The faster the robot drives, the less it turns, because the wheels slide sideways. At wheel = 1 the speed "
+           "is that of the wheels, at power = 1 its square counts.",
+           ("coefficient", "s/m", 0.0, 4.0, 0.0, "half-normal, 0.8 s/m", adds("slip")),
+           ("wheel", "", 0.0, 1.0, 0.0, "uniform", adds("wheel")),
+           ("power", "", 0.0, 1.0, 0.0, "uniform", adds("power"))),
 )  # fmt: skip
 
 

@@ -99,7 +99,7 @@ def test_known_causes_are_the_catalogue_and_unknown_ones_are_not(name, simulator
     assert not {cause.name for cause in machine.UNKNOWN} & catalogue.keys()
     assert len(machine.UNKNOWN) >= 4
     for cause in machine.KNOWN:
-        (parameter,) = catalogue[cause.name].parameters
+        parameter, *_ = catalogue[cause.name].parameters
         assert (cause.parameter, cause.nominal) == (parameter.name, parameter.nominal)
         for size in (-SIZES[1], SIZES[1]) if cause.signed else (0.0, SIZES[1]):
             assert parameter.low <= cause.made(size) <= parameter.high, cause.name

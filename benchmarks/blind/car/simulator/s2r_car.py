@@ -23,8 +23,10 @@ CATALOGUE = (
         P("extra", "kg", low=-300.0, high=600.0, nominal=0.0, prior="normal, 100 kg"),)),
     Effect("steer_delay", "timing", "The steering command arrives this much later.", (
         P("time", "s", low=0.0, high=0.15, nominal=0.0, prior="half-normal, 0.03 s"),)),
-    Effect("steer_lag", "actuation", "The steering motor follows its command with this time constant.", (
-        P("time", "s", low=0.0, high=0.2, nominal=0.0, prior="half-normal, 0.03 s"),)),
+    Effect("steer_lag", "actuation", "The steering motor follows its command with this time constant. A part of it may "
+        "be dead time, as of a lag of several stages.", (
+        P("time", "s", low=0.0, high=0.2, nominal=0.0, prior="half-normal, 0.03 s"),
+        P("dead", "", low=0.0, high=0.8, nominal=0.0, prior="half-normal, 0.25"),)),
     Effect("steer_offset", "actuation", "The wheels point this much to the left when straight is asked for.", (
         P("angle", "rad", low=-0.05, high=0.05, nominal=0.0, prior="normal, 0.005 rad"),)),
     Effect("drag", "friction", "Air holds the car back more than the drawing says.", (
@@ -99,7 +101,8 @@ def controller(commanded, gain, y_m, psi_m, v_m, r_m, integral):
 @numba.njit(cache=True)
 def simulate(commanded, gain, payload, start, noise, e, per_tick):
     """Rows of a log, and whether the car spun; `commanded` is a test's or a protocol's, `gain` that of lane keeping."""
-    front, rear, mass_extra, delay, lag, bend, drag, strength, gyro, gps, wind = e
+    front, rear, mass_extra, delay, lag, dead, bend, drag, strength, gyro, gps, wind = e
+    delay, lag = delay + dead * lag, (1.0 - dead) * lag
     h = TICK / per_tick
     ticks = noise.shape[0]
     m = 1500.0 + payload + mass_extra
@@ -193,8 +196,7 @@ class Car:
     def _drive(self, commanded, gain, payload, seed, meta):
         chosen = settings(CATALOGUE, self.added)
         e = tuple(
-            float(chosen.get(x.name, {}).get(x.parameters[0].name, x.parameters[0].nominal))
-            for x in CATALOGUE
+            float(chosen.get(x.name, {}).get(p.name, p.nominal)) for x in CATALOGUE for p in x.parameters
         )
         rng = np.random.default_rng(seed)
         start = rng.normal(size=3) * (0.02, 0.003, 0.1)

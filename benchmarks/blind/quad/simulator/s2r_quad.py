@@ -60,8 +60,9 @@ def _effect(
     high: float,
     nominal: float,
     prior: str,
+    *more: EffectParameter,
 ) -> Effect:
-    return Effect(name, family, physics, (EffectParameter(parameter, unit, low, high, nominal, prior),))
+    return Effect(name, family, physics, (EffectParameter(parameter, unit, low, high, nominal, prior), *more))
 
 
 CATALOGUE = (
@@ -70,8 +71,11 @@ CATALOGUE = (
         "factor", "", 0.75, 1.15, 1.0, "normal around 1, standard deviation 0.05",
     ),
     _effect(
-        "rotor_lag", "actuation", "Thrust follows the command slower by this time constant.",
+        "rotor_lag", "actuation",
+        "Thrust follows the command slower by this time constant. A part of it may be dead time, as of a lag of "
+        "several stages.",
         "time", "s", 0.0, 0.07, 0.0, "half-normal, 0.015 s",
+        EffectParameter("dead", "", 0.0, 0.8, 0.0, "half-normal, 0.25"),
     ),
     _effect(
         "payload", "inertia", "Mass that the controller does not know of, at the centre.",
@@ -82,8 +86,10 @@ CATALOGUE = (
         "ahead", "m", -0.03, 0.03, 0.0, "normal, 0.006 m",
     ),
     _effect(
-        "drag", "aerodynamics", "More drag, in proportion to airspeed.",
+        "drag", "aerodynamics",
+        "More drag, in proportion to airspeed; at power = 1 to its square, with the same drag at 2 m/s.",
         "rate", "kg/s", 0.0, 0.8, 0.0, "half-normal, 0.15 kg/s",
+        EffectParameter("power", "", 0.0, 1.0, 0.0, "uniform"),
     ),
     _effect(
         "ground_effect", "aerodynamics", "Near the ground rotors push harder, by this share at the ground.",
@@ -106,7 +112,7 @@ CATALOGUE = (
         "rate", "1/s", 0.0, 0.1, 0.0, "half-normal, 0.015 1/s",
     ),
 )  # fmt: skip
-ORDER = tuple((e.name, e.parameters[0].name, e.parameters[0].nominal) for e in CATALOGUE)
+ORDER = tuple((e.name, p.name, p.nominal) for e in CATALOGUE for p in e.parameters)
 
 
 @njit(cache=True)
@@ -140,11 +146,12 @@ def _flight(plan, fan, eff, meas, gust, once, gain, every):
 
     ``eff`` is in the order of ORDER, ``gain`` a factor on the pitch loop's stiffness, ``every`` periods are a sample.
     """
-    factor, tlag, mass, ahead, drag, ground, wind, bias, delay, sag = eff
+    factor, tlag, dead, mass, ahead, drag, power, ground, wind, bias, delay, sag = eff
     M0, IY, ARM, G, UMAX = 1.2, 0.012, 0.12, 9.81, 11.0
     h = TC / SUB
     m = M0 + mass
-    keep = np.exp(-h / (0.03 + tlag))
+    keep = np.exp(-h / (0.03 + (1.0 - dead) * tlag))
+    delay += dead * tlag
     n = plan.shape[0]
     kp, kd, ki = 100.0 * gain, 16.0 * np.sqrt(gain), 80.0 * gain
     x, z, th, vx, vz, q = 0.02 * once[0], plan[0, 3] + 0.02 * once[1], 0.0, 0.0, 0.0, 0.0
@@ -202,8 +209,9 @@ def _flight(plan, fan, eff, meas, gust, once, gain, every):
             lift = fade * (1.0 + ground * np.exp(-max(z, 0.0) / 0.3))
             pf, pr = lift * tf, lift * tr
             vair, wair = vx - (fan + wind + 0.1 * once[4] + wx), vz - wz
-            fx = -(0.12 * vair + 0.05 * abs(vair) * vair) - drag * vair
-            fz = -0.25 * wair - drag * wair
+            more = drag * (0.5 * np.hypot(vair, wair)) ** power
+            fx = -(0.12 * vair + 0.05 * abs(vair) * vair) - more * vair
+            fz = -0.25 * wair - more * wair
             T = pf + pr
             vx += h * (T * np.sin(th) + fx) / m
             vz += h * ((T * np.cos(th) + fz) / m - G)
@@ -266,7 +274,7 @@ class Quad:
     @property
     def _effects(self) -> tuple[float, ...]:
         chosen = settings(CATALOGUE, self.added)
-        return tuple(float(chosen.get(e, {p: v})[p]) for e, p, v in ORDER)
+        return tuple(float(chosen.get(e, {}).get(p, v)) for e, p, v in ORDER)
 
     def _trace(self, out: Array, fell: int, period: float, meta: Mapping[str, Any] | None = None) -> Trace:
         units = {c.name: c.unit for c in CHANNELS}
