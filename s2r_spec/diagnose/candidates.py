@@ -44,13 +44,13 @@ GAIN = 0.5
 GRID = 17
 """Budget: sizes at which a proposal compares the library with the tests, beside those of the library."""
 
-FINALISTS = 3
-"""Budget: best sets at which the simulator runs more often."""
 NEAR = 0.05
 """Tolerance: a finalist runs again where its estimate is farther from its runs, in typical sizes."""
 SECONDS, MOST = 1.0, 8
 """Budget: declared time of all runs at the finalists [s], as far as it allows more runs of a test than the library has;
 most runs of a test, as many as there are nominal ones."""
+SIMULATED = 12
+"""Definition: sizes at which the simulator runs for the finalists, about: two for each."""
 
 Simulate = Callable[[FloatArray, int], "list[FloatArray]"]
 """Returns (R, m) observables of the simulator's runs of every test at (K,) sizes; 0 runs mean those of the library."""
@@ -109,7 +109,7 @@ def predicted(
 
     search = _Search(data, prior, simulate)
     search.run(proposed)
-    often = int(SECONDS / (max(float(backend.cost), 1e-4) * len(responses) * 4 * FINALISTS))
+    often = int(SECONDS / (max(float(backend.cost), 1e-4) * len(responses) * SIMULATED))
     if min(often, MOST) > max(replicates(one.experiment) for one in responses):
         search.run_finalists(min(often, MOST))
     posterior = weighted(search.found, prior)
@@ -163,13 +163,16 @@ class _Search:
         self.compare(self.ranked()[0])
 
     def run_finalists(self, runs: int) -> None:
-        """Compare the best sets again with so many runs of every test, which scatter less."""
-        first = self.found
-        best: dict[Set, Set] = {}
-        for members in self.ranked():
-            shown = tuple(k for k in members if abs(first[members].theta[k]) >= UNNAMED)
-            if len(best) < FINALISTS:
-                best.setdefault(shown, members)
+        """Compare the best set and its rivals again with so many runs of every test, which scatter less.
+
+        For each large cause of the best set, the best set without this cause is a rival.
+        """
+        first, ranked = self.found, self.ranked()
+        final = first[ranked[0]]
+        best = {self.shown(ranked[0]): ranked[0]}
+        for k in (k for k in final.members if abs(final.theta[k]) >= NAMED):
+            rival = next(members for members in ranked if k not in self.shown(members))
+            best.setdefault(self.shown(rival), rival)
         best.setdefault((), ())
         self.runs, self.found, self.near = runs, {}, {}
         self.try_set((), np.zeros(self.prior.low.size))
@@ -181,6 +184,10 @@ class _Search:
                 self.try_set(members, self.found[members].theta, again=True)
         self.polish()
         self.close()
+
+    def shown(self, members: Set) -> Set:
+        """Return the causes of a set that are no background."""
+        return tuple(k for k in members if abs(self.found[members].theta[k]) >= UNNAMED)
 
     def polish(self) -> None:
         """Run the simulator at the estimate of the best set, as long as the tests are then predicted better."""

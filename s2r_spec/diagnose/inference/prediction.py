@@ -14,27 +14,29 @@ Score of a set, with θ and s_g from all tests but t:
 
     ℓ_t(A) = Σ_g log p(y_tg | y_−t, A),   a Student's t of N_g numbers, scale s_g u_tg, ν + Σ_{t' ≠ t} N_g degrees
 
-Left-out tests do not show an error of the laws, which is the same in all of them. An effect j whose law is off by the
-part ρ has an error of shape in every kind κ of group, of any direction among its N_κ numbers. It changes the score
-along a step D of sizes by ρ θ_j O_Dj. So of the difference of the scores of two sets, D apart, the part
-1/(1 + Q_D/J_D) counts:
+Left-out tests do not show an error of the laws, which is the same in all of them. In the laws of another author, effect
+j has another shape in every kind κ of group: an error of ρ θ_j J_g,jj^½, of any direction among the r_κ in which the
+effects move this kind. Along a step D of sizes it adds the variance Q_D to the score, which has the variance J_D:
 
-    O_Dj² = Σ_κ (Σ_{g in κ} (J_g,DD J_g,jj)^½)²/N_κ,   J_D = Σ_g J_g,DD,   Q_D = ρ² Σ_j θ_j² O_Dj²
+    Q_D = ρ² Σ_j θ_j² O_Dj²,   O_Dj² = Σ_κ (Σ_{g in κ} (J_g,DD J_g,jj)^½)²/r_κ,   J_D = Σ_g J_g,DD
+    r_κ = K²/Σ_jk C_κ,jk²,   C_κ: correlations of Σ_{g in κ} J_g, the effective rank of the effects' responses
+    ρ² ~ Inv-χ²(ν, ρ0²)
 
-ρ is one number of the machine, ρ² ~ Inv-χ²(ν, ρ0²). An error of the laws leaves a residual, but for its part along the
-effects. So with E_g of the residual and S_g of the effects' sum, both mean squares in u, ρ² has the mean
+A better set has the score S more than a worse one, D apart. S = z²/2J_D, if z ~ N(0, J_D) is the score of the worse
+set along D. With errors of its laws z has the variance J_D + Q_D, so with q = Q_D/J_D this much is left of S:
 
-    (ν ρ0² + M Σ_g N_g (E_g − 1)/Σ_g N_g S_g)/(ν + M),   M = Σ_κ N_κ
+    S' = −log E_ρ [(1 + q)^−½ exp(−S/(1 + q))]
 
-θ is that of the worse set: its laws may be wrong, and no error of a law makes an effect of none. J_g is that of the
-better set, but J is not more than the scores have along D. The probability of a set is its
-mean weight ∝ P(A) exp Σ_t w_t ℓ_t(A) over Bayesian bootstrap weights w of the tests. So a set that one test alone
-prefers, or that tests disagree about, is not sure. One test of another motion, such as one with a gust, can still hide
-an effect: it makes s_g large in all others.
+θ_j are those of the worse set's causes: its laws may be wrong, and no error of a law makes an effect of none. J_g is
+that of the better set, and D has what is a cause in one of them. The tail of ρ is long: no difference of scores proves
+more than that the law of no effect is far off. The probability of a set is its mean weight ∝ P(A) exp Σ_t w_t ℓ'_t(A)
+over Bayesian bootstrap weights w of the tests, where ℓ' differ from the best set's ℓ by the part S'/S. So a set that
+one test alone prefers, or that tests disagree about, is not sure. One test of another motion, such as one with a gust,
+can still hide an effect: it makes s_g large in all others.
 
 Within a set, θ has the covariance of the fit and three errors that more tests do not lower:
 
-    Σ_A + diag(jackknife_k + σ_c² + ρ0² θ_k² + ρ² Σ_{j ≠ k} θ_j² O_kj²/J_kk²)
+    Σ_A + diag(jackknife_k + σ_c² + ρ0² θ_k² + ρ0² Σ_{j ≠ k} θ_j² O_kj²/J_kk²)
 
 The jackknife leaves out one group in all tests at a time: it grows where quantities disagree about a size, since the
 machine's law is another one. σ_c and ρ0 θ_k are errors of size of another author's laws (:mod:`.hierarchical`), which
@@ -42,14 +44,15 @@ leave no residual.
 
 Units: θ in typical sizes; s dimensionless; ℓ in nats. Shapes: T tests, G groups of all tests, K parameters.
 Source: Vehtari, Gelman & Gabry, *Statistics and Computing* 27 (2017) 1413 (leave-one-out); Yao, Vehtari, Simpson &
-Gelman, *Bayesian Analysis* 13 (2018) 917 (weights); Efron & Tibshirani, *An Introduction to the Bootstrap* (1993), ch.
-11.
+Gelman, *Bayesian Analysis* 13 (2018) 917 (weights); Roy & Vetterli, *EUSIPCO* (2007) 606 (effective rank); Efron &
+Tibshirani, *An Introduction to the Bootstrap* (1993), ch. 11.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,6 +78,8 @@ PIVOTS = 1_000
 """Budget: most rounds of :func:`bounded`; random problems of 45 variables take 7."""
 NEAR = 1e-9
 """Tolerance: a size this near to a bound lies on it, in typical sizes."""
+NODES = 200
+"""Budget: values of ρ over which a density is averaged; S' is then right to 0.001 nat."""
 FIRST = 0.7
 """Tolerance: part of the first step that is taken, since the scales still move."""
 
@@ -159,17 +164,7 @@ class Tests:
         weight = self.groups.size / scales[self.kind]
         effects = self.theta.size
         each = np.asarray(weight[:, None, None] * self.groups.gram[:, :effects, :effects])
-        return Information(each, self.kind, self.groups.size, self.law_share())
-
-    def law_share(self) -> float:
-        """Return the posterior mean of ρ², by what is left at the point."""
-        size, theta = self.groups.size, self.theta
-        effects = theta.size
-        gram = self.groups.gram[:, :effects, :effects]
-        signal = float(size @ np.einsum("i,gij,j->g", theta, gram, theta, optimize=True))
-        rest = max(float(size @ (self.groups.energy - 1.0)), 0.0)
-        number = float(size.sum()) / (int(self.test.max()) + 1)
-        return (DEGREES * LAW_SHARE**2 + number * rest / max(signal, TINY)) / (DEGREES + number)
+        return Information(each, self.kind)
 
     def variance(self, prior: SetPrior, step: FloatArray, scales: FloatArray) -> FloatArray:
         """Return (K,) the variance of every size: of the fit, by the jackknife over groups, and by other laws."""
@@ -193,14 +188,10 @@ class Information:
     Attributes:
         each: (G, K, K) information J_g.
         kind: (G,) number of the quantity and statistic of every group.
-        size: (G,) N_g.
-        law: ρ², the squared part by which the laws of effects are off.
     """
 
     each: FloatArray
     kind: NDArray[np.int64]
-    size: FloatArray
-    law: float = LAW_SHARE**2
 
     def along(self, direction: FloatArray) -> FloatArray:
         """Return (G,) J_g,DD along (K,) a step of sizes."""
@@ -208,34 +199,59 @@ class Information:
         return np.asarray(np.maximum(found, 0.0))
 
     def overlaps(self, along: FloatArray) -> FloatArray:
-        """Return (K,) O_D,k² = Σ_κ (Σ_g∈κ (J_g,DD J_g,kk)^½)²/N_κ, with (G,) J_g,DD."""
+        """Return (K,) O_D,k² = Σ_κ (Σ_g∈κ (J_g,DD J_g,kk)^½)²/r_κ, with (G,) J_g,DD."""
         own = np.sqrt(np.maximum(np.einsum("gii->gi", self.each), 0.0)) * np.sqrt(along)[:, None]
-        kinds = range(int(self.kind.max(initial=-1)) + 1)
-        sums = np.array([own[self.kind == kind].sum(axis=0) for kind in kinds]).reshape(-1, own.shape[1])
-        number = np.array([self.size[self.kind == kind].mean() for kind in kinds])
-        return np.asarray((sums**2 / number[:, None]).sum(axis=0))
+        return np.asarray(
+            sum(own[self.kind == kind].sum(axis=0) ** 2 / r for kind, r in enumerate(self.ranks))
+        )
+
+    @cached_property
+    def ranks(self) -> FloatArray:
+        """(kinds,) r_κ, in how many directions the effects move each kind."""
+        found = []
+        for kind in range(int(self.kind.max(initial=-1)) + 1):
+            total = self.each[self.kind == kind].sum(axis=0)
+            size = np.sqrt(np.maximum(np.diag(total), 0.0))
+            seen = size > TINY * size.max(initial=0.0)
+            correlations = (total / np.outer(size, size).clip(TINY))[np.ix_(seen, seen)]
+            found.append(seen.sum() ** 2 / (correlations**2).sum() if seen.any() else 1.0)
+        return np.array(found)
 
     def law_variances(self, theta: FloatArray) -> FloatArray:
         """Return (K,) the variance of every size by laws of another author, at (K,) sizes."""
         own = np.maximum(np.einsum("gii->gi", self.each), 0.0)
-        others = np.array([self.overlaps(each) for each in own.T])
-        total = np.maximum(own.sum(axis=0), TINY)
-        others = self.law * others / total[:, None] ** 2
-        np.fill_diagonal(others, LAW_SHARE**2)
-        return np.asarray(others @ theta**2)
+        others = (
+            np.array([self.overlaps(each) for each in own.T])
+            / np.maximum(own.sum(axis=0), TINY)[:, None] ** 2
+        )
+        np.fill_diagonal(others, 1.0)
+        return np.asarray(LAW_SHARE**2 * others @ theta**2)
 
 
 def part_left(better: Candidate, worse: Candidate) -> float:
-    """Return the part of a difference of scores of two sets that errors of the laws of the worse one leave.
-
-    J is the information at the better set, but no more along the difference than the scores have.
-    """
-    each = better.information.along(worse.theta - better.theta)
-    along, score = float(each.sum()), 2.0 * float((better.score - worse.score).sum())
-    if not along > 0.0:
+    """Return S'/S: the part of a difference of scores of two sets that errors of the worse one's laws leave."""
+    score = float((better.score - worse.score).sum())
+    theta = np.zeros_like(worse.theta)
+    theta[list(worse.members)] = worse.theta[list(worse.members)]
+    apart = np.zeros_like(theta)
+    causes = sorted({*better.members, *worse.members})
+    apart[causes] = (worse.theta - better.theta)[causes]
+    each = better.information.along(apart)
+    if not (score > 0.0 and each.sum() > 0.0):
         return 1.0
-    errors = better.information.law * float(worse.theta**2 @ better.information.overlaps(each))
-    return 1.0 / (1.0 + min(score / along, 1.0) * errors / along)
+    error = float(theta**2 @ better.information.overlaps(each)) / float(each.sum())
+    return min(_left(score, error) / score, 1.0)
+
+
+def _left(score: float, error: float) -> float:
+    """Return S' = −log E_ρ [(1 + q)^−½ exp(−S/(1 + q))], with q = ρ² times an error."""
+    from scipy.special import logsumexp
+
+    log_share = np.linspace(-4.0, 16.0, NODES)  # of ρ²/ρ0², beyond which there is no part of the prior
+    prior = -0.5 * DEGREES * (log_share + np.exp(-log_share))
+    log_ratio = np.log1p(error * LAW_SHARE**2 * np.exp(log_share))
+    worse = logsumexp(prior - score * np.exp(-log_ratio) - 0.5 * log_ratio)
+    return float(logsumexp(prior) - worse)
 
 
 @dataclass(frozen=True)

@@ -5,11 +5,12 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
 from scipy.optimize import lsq_linear
-from scipy.stats import multivariate_t
+from scipy.stats import invgamma, multivariate_t
 
 from s2r_spec.diagnose.inference import prediction
-from s2r_spec.diagnose.inference.hierarchical import DEGREES
+from s2r_spec.diagnose.inference.hierarchical import DEGREES, LAW_SHARE
 from s2r_spec.diagnose.inference.observation import Observation
 from s2r_spec.diagnose.inference.prediction import SetPrior, bounded, fitted, weighted
 from s2r_spec.diagnose.inference.prior import BACKGROUND, UNNAMED, SizePrior
@@ -301,23 +302,37 @@ def test_a_test_of_lost_observables_counts_as_far_as_it_goes():
 
 def candidate(theta, score, information):
     theta, blank = np.array(theta), np.zeros(0)
-    return prediction.Candidate((), theta, np.ones(theta.size), np.array([score]), blank, information)
+    members = tuple(np.flatnonzero(theta).tolist())
+    return prediction.Candidate(members, theta, np.ones(theta.size), np.array([score]), blank, information)
 
 
-def informed(*each, number=4.0):
+def informed(*each):
     """Return the information of groups of two kinds, one test each, about two effects."""
-    return prediction.Information(np.array([np.diag(one) for one in each]), np.arange(2), np.full(2, number))
+    return prediction.Information(np.array([np.diag(one) for one in each]), np.arange(2))
 
 
 TOGETHER = informed([400.0, 100.0], [400.0, 100.0])
 APART = informed([800.0, 0.0], [0.0, 200.0])
 
 
-def test_a_second_effect_counts_as_far_as_the_law_of_the_first_is_known():
-    """The law of the first is off by 2 standard errors in both groups, in one of four directions."""
-    for information, expected in ((TOGETHER, 0.5), (APART, 1.0)):
-        better, worse = candidate([1.0, 0.2], 0.0, information), candidate([1.0, 0.0], -100.0, information)
-        assert prediction.part_left(better, worse) == pytest.approx(expected, rel=0.02)
+def left_of(score, information=TOGETHER):
+    """Return what is left of a difference of scores, by which a second effect beside one of 1 predicts better."""
+    better, worse = candidate([1.0, 0.2], 0.0, information), candidate([1.0, 0.0], -score, information)
+    return score * prediction.part_left(better, worse)
+
+
+@pytest.mark.parametrize("score", [1.0, 10.0, 100.0])
+def test_a_second_effect_counts_as_far_as_the_law_of_the_first_is_known(score):
+    """Along the second the score has a variance of 8, and 1,600 ρ² more where the law of the first is off by ρ."""
+
+    def density(log):
+        square = np.exp(log)
+        ratio = 1.0 + 200.0 * square
+        prior = invgamma.pdf(square, DEGREES / 2.0, scale=DEGREES * LAW_SHARE**2 / 2.0) * square
+        return prior * np.exp(-score / ratio) / np.sqrt(ratio)
+
+    assert left_of(score) == pytest.approx(-np.log(quad(density, -9.0, 14.0, limit=200)[0]), abs=1e-3)
+    assert left_of(score, APART) == score
     alone = candidate([1.0, 0.0], 0.0, TOGETHER)
     assert prediction.part_left(alone, alone) == 1.0
 
@@ -329,28 +344,26 @@ def test_no_error_of_a_law_makes_an_effect_of_none():
 
 def test_tests_of_one_kind_share_the_error_of_a_law():
     """Twice the tests say twice as much, and an error of the law does not average out."""
-    twice = prediction.Information(
-        np.tile(TOGETHER.each, (2, 1, 1)), np.tile(TOGETHER.kind, 2), np.full(4, 4.0)
-    )
-    parts = [
-        prediction.part_left(candidate([1.0, 0.2], 0.0, own), candidate([1.0, 0.0], -100.0, own))
-        for own in (TOGETHER, twice)
-    ]
-    assert parts[1] == pytest.approx(1.0 / 3.0, rel=0.02)
-    assert parts[1] < parts[0]
+    twice = prediction.Information(np.tile(TOGETHER.each, (2, 1, 1)), np.tile(TOGETHER.kind, 2))
+    assert left_of(100.0, twice) < 0.9 * left_of(100.0)
 
 
-def test_a_small_difference_of_scores_counts_more():
-    better = candidate([1.0, 0.2], 0.0, TOGETHER)
-    parts = [
-        prediction.part_left(better, candidate([1.0, 0.0], -score, TOGETHER)) for score in (0.1, 1.0, 9.0)
-    ]
-    assert parts == sorted(parts, reverse=True)
-    assert parts[0] > 0.7
+def test_no_score_proves_more_than_that_the_law_of_no_effect_is_far_off():
+    left = [left_of(score) for score in (1.0, 10.0, 100.0, 1e4)]
+    assert left == sorted(left)
+    assert left[0] > 0.7
+    assert left[-1] - left[-2] < 2.5 * np.log(100.0)
+
+
+def test_directions_in_which_effects_move_a_kind_are_counted_once():
+    alike = prediction.Information(np.full((1, 3, 3), 5.0), np.zeros(1, dtype=int))
+    apart = prediction.Information(np.eye(3)[None], np.zeros(1, dtype=int))
+    unseen = prediction.Information(np.diag([4.0, 4.0, 0.0])[None], np.zeros(1, dtype=int))
+    assert [float(one.ranks[0]) for one in (alike, apart, unseen)] == pytest.approx([1.0, 3.0, 2.0])
 
 
 def test_a_size_is_known_to_a_tenth_of_the_effects_in_its_groups():
     alone = TOGETHER.law_variances(np.array([0.5, 0.0]))
     assert alone[0] == pytest.approx(0.05**2)
-    assert alone[1] == pytest.approx(0.05**2 * 2.0 * 400.0 * 100.0 / 4.0 / 200.0**2)
+    assert alone[1] == pytest.approx(0.05**2 * 2.0 * 400.0 * 100.0 / 2.0 / 200.0**2)
     assert APART.law_variances(np.array([0.5, 0.0]))[1] == pytest.approx(0.0)
