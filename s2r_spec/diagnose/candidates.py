@@ -154,25 +154,20 @@ class _Search:
         self.close()
 
     def close(self) -> None:
-        """Compare the best set and the ones without each of its causes at runs near the same sizes."""
+        """Compare the best set and the ones without each of its causes at runs near the same sizes; then its rivals."""
         final = self.ranked()[0]
         for k in final:
             theta = self.found[final].theta.copy()
             theta[k] = np.clip(theta[k], -UNNAMED, UNNAMED)
             self.try_set(tuple(x for x in final if x != k), theta, again=True)
-        self.compare(self.ranked()[0])
+        for members in self.best_and_rivals():
+            if members in self.near and self.shown(members):
+                self.compare(members)
 
     def run_finalists(self, runs: int) -> None:
-        """Compare the best set and its rivals again with so many runs of every test, which scatter less.
-
-        For each large cause of the best set, the best set without this cause is a rival.
-        """
-        first, ranked = self.found, self.ranked()
-        final = first[ranked[0]]
-        best = {self.shown(ranked[0]): ranked[0]}
-        for k in (k for k in final.members if abs(final.theta[k]) >= NAMED):
-            rival = next(members for members in ranked if k not in self.shown(members))
-            best.setdefault(self.shown(rival), rival)
+        """Compare the best set and its rivals again with so many runs of every test, which scatter less."""
+        first = self.found
+        best = {self.shown(members): members for members in reversed(self.best_and_rivals())}
         best.setdefault((), ())
         self.runs, self.found, self.near = runs, {}, {}
         self.try_set((), np.zeros(self.prior.low.size))
@@ -184,6 +179,14 @@ class _Search:
                 self.try_set(members, self.found[members].theta, again=True)
         self.polish()
         self.close()
+
+    def best_and_rivals(self) -> list[Set]:
+        """Return the best set, and for each of its large causes the best set without this cause."""
+        ranked = self.ranked()
+        final = self.found[ranked[0]]
+        large = [k for k in final.members if abs(final.theta[k]) >= NAMED]
+        without = [next(one for one in ranked if k not in self.shown(one)) for k in large]
+        return list(dict.fromkeys([ranked[0], *without]))
 
     def shown(self, members: Set) -> Set:
         """Return the causes of a set that are no background."""
@@ -199,7 +202,7 @@ class _Search:
                 break
 
     def compare(self, best: Set) -> None:
-        """Fit the best set with each other parameter, and the sets with its large causes, around its own runs, too.
+        """Fit a set with each other parameter, and the sets with its large causes, around its own runs, too.
 
         The scatter of a few runs changes a score by several nats, so of many sets one is best by luck. Around common
         runs this luck is common. There a parameter that the tests do not show is as probable as before, and as wide.
