@@ -175,10 +175,13 @@ class Tests:
         precision[range(effects), range(effects)] += prior.precision
         precision[range(effects, len(precision)), range(effects, len(precision))] += 1.0
         fit = np.diag(np.linalg.inv(precision))[:effects]
-        without = [self.step(self.kind != kind, scales, prior)[:effects] for kind in range(scales.size)]
-        count = len(without)
-        jackknife = (count - 1) / count * ((without - np.mean(without, axis=0)) ** 2).sum(axis=0)
-        return np.asarray(fit + jackknife + SHARED**2 + law)
+        return np.asarray(fit + self.disagreement(prior, scales) + SHARED**2 + law)
+
+    def disagreement(self, prior: SetPrior, scales: FloatArray) -> FloatArray:
+        """Return (K,) the variance of every size by the jackknife over groups."""
+        without = [self.step(self.kind != kind, scales, prior) for kind in range(scales.size)]
+        count, sizes = len(without), np.array(without)[:, : self.theta.size]
+        return np.asarray((count - 1) / count * ((sizes - sizes.mean(axis=0)) ** 2).sum(axis=0))
 
 
 @dataclass(frozen=True)
