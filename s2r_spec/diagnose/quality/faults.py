@@ -311,23 +311,11 @@ def search(
             quadratic /= max(float(products[0, 0]), 1e-300)
         return np.asarray(quadratic if prices is None else quadratic + np.diag([0.0, *prices(size)]))
 
-    def grown(products: FloatArray, on: FloatArray) -> tuple[float, FloatArray]:
-        on = on.copy()
-        while True:
-            change = 2.0 * (1.0 - 2.0 * on) * (products @ on) + np.diag(products)
-            change[0] = np.inf
-            if not empty and on.sum() == 2.0:
-                change = np.where(on == 1.0, np.inf, change)
-            if change.min() >= 0.0:
-                return float(on @ products @ on), on
-            k = int(change.argmin())
-            on[k] = 1.0 - on[k]
-
     groups = [ChannelGroup(names), *(ChannelGroup([name]) for name in names), *starts]
     begin = np.unique([[1.0, *(float(name in group) for name in names)] for group in groups], axis=0)
     begin = begin[begin.sum(axis=1) > (0.0 if empty else 1.0)]
     forms = ((k, form(size)) for k, size in enumerate(sizes))
-    tried = [(*grown(products, on), k) for k, products in forms for on in begin]
+    tried = [(*_grown(products, on, empty), k) for k, products in forms for on in begin]
     if not tried:
         return
     _, on, k = min(tried, key=lambda one: one[0])
@@ -339,7 +327,7 @@ def search(
         for _ in range(3):
             size = min(np.linspace(low, high, 9).tolist(), key=lambda x: float(on @ form(x) @ on))
             low, high = size - (high - low) / 8.0, size + (high - low) / 8.0
-        _, on = grown(form(size), on)
+        _, on = _grown(form(size), on, empty)
     rests, observed = parts(size) if callable(parts) else parts
     rows = np.eye(len(rests)) if weights is None else weights(size)
     values = c.nominal + c.floor * np.einsum("p,pntc->ntc", on @ rows, rests)
@@ -351,3 +339,23 @@ def search(
         observed,
         price,
     )
+
+
+def _grown(products: FloatArray, on: FloatArray, empty: bool) -> tuple[float, FloatArray]:
+    """Return the least rest, and (1 + m,) which parts are on, as one after the other is put on or off.
+
+    Args:
+        products: (1 + m, 1 + m) of the weighted parts.
+        on: of the parts at first; r₀ stays on.
+        empty: whether all others may be off.
+    """
+    on = on.copy()
+    while True:
+        change = 2.0 * (1.0 - 2.0 * on) * (products @ on) + np.diag(products)
+        change[0] = np.inf
+        if not empty and on.sum() == 2.0:
+            change = np.where(on == 1.0, np.inf, change)
+        if change.min() >= 0.0:
+            return float(on @ products @ on), on
+        k = int(change.argmin())
+        on[k] = 1.0 - on[k]

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
@@ -187,23 +187,30 @@ def remainders(
             sizes = _surplus(machine - own[at_test], usual, own[few] - usual, typical, other, columns)
             each.append(_largest_remainders(*sizes, known, columns))
     largest = min(each, key=lambda collected: max((surplus for surplus, *_ in collected), default=0.0))
-    units, traces = nominal[0][1].units, [trace for _, trace in whole]
-    collected = []
-    for surplus, size, column, (along, low, high) in largest:
-        name, times, extent = column.quantity, None, None
-        if along:
-            time, values = find_visit(traces, along, column.number, low, high)
-            times = None if time is None or time.everything else (time.low, time.high)
-            extent = (values.lowest, values.highest) if math.isfinite(values.extent) else None
-        part = label(bench, nominal[0], column, widths[name])
-        unit, along_unit = units.get(name, ""), units.get(along, "") if along else "s"
-        collected.append(
-            Remainder(
-                name.removeprefix(RESIDUAL), column.number, part, along, low, high, size, unit, along_unit,
-                surplus, not column.residual, times, extent,
-            )
-        )  # fmt: skip
-    return sort_remainders(collected)
+    traces = [trace for _, trace in whole]
+    return sort_remainders([_remainder(bench, nominal[0], traces, widths, cell) for cell in largest])
+
+
+def _remainder(
+    bench: Bench,
+    nominal: TestRun,
+    traces: Sequence[Trace],
+    widths: Mapping[str, int],
+    left: tuple[float, float, CellColumn, Cell],
+) -> Remainder:
+    """Return what is left in a cell, with its unit, and when and how far the real rollouts visit it."""
+    surplus, size, column, (along, low, high) = left
+    name, times, extent, units = column.quantity, None, None, nominal[1].units
+    if along:
+        time, values = find_visit(traces, along, column.number, low, high)
+        times = None if time is None or time.everything else (time.low, time.high)
+        extent = (values.lowest, values.highest) if math.isfinite(values.extent) else None
+    part = label(bench, nominal, column, widths[name])
+    unit, along_unit = units.get(name, ""), units.get(along, "") if along else "s"
+    return Remainder(
+        name.removeprefix(RESIDUAL), column.number, part, along, low, high, size, unit, along_unit,
+        surplus, not column.residual, times, extent,
+    )  # fmt: skip
 
 
 def _quantities(traces: Sequence[Trace]) -> dict[str, int]:
