@@ -144,7 +144,15 @@ def test_a_dead_time_is_not_what_a_lag_does_at_the_start():
     assert slow["x"][6] > -0.79
 
 
-@pytest.mark.parametrize("alone", [{"latency": {"jitter": 0.3}}, {"speed_limit": {"own": 1.0}}])
+@pytest.mark.parametrize(
+    "alone",
+    [
+        {"latency": {"jitter": 0.3}},
+        {"speed_limit": {"own": 1.0}},
+        {"motor_lag": {"dead": 0.5}},
+        {"turning_slip": {"wheel": 1.0, "power": 1.0}},
+    ],
+)
 def test_a_dependent_parameter_does_nothing_by_itself(alone):
     assert same(ROBOT.rollout(ROUND, 4), ROBOT.with_effects(alone).rollout(ROUND, 4))
 
@@ -156,6 +164,27 @@ def test_a_jitter_varies_the_delay_around_its_mean():
     assert (ages.mean(), ages.std()) == pytest.approx((5.0, 1.0), abs=0.1)
     assert same(late.rollout(ROUND, 3), late.rollout(ROUND, 3))
     assert not same(late.rollout(ROUND, 3), late.rollout(ROUND, 4))
+
+
+@pytest.mark.parametrize("dead", [0.0, 0.4, 0.8])
+def test_a_part_of_a_lag_may_be_dead_time(dead):
+    """The speed after a step: none for 0.2 s times this part, then that of a first order; on average it is as late."""
+    part = ROBOT.with_effects({"motor_lag": {"time": 0.2, "dead": dead}})._body(0)[1]
+    speeds = np.array([part(1.0, 0.0)[0] for _ in range(500)])
+    assert np.flatnonzero(speeds)[0] == round(10 * dead)
+    assert 0.02 * (1.0 - speeds).sum() == pytest.approx(0.2, abs=0.011)
+
+
+@pytest.mark.parametrize("power", [0.0, 0.5, 1.0])
+def test_slip_may_grow_with_a_power_of_the_speed_of_the_robot_or_of_its_wheels(power):
+    def rate(speed, turn, wheel):
+        slip = {"coefficient": 1.0, "power": power, "wheel": wheel}
+        return turn / ROBOT.with_effects({"turning_slip": slip})._body(0)[1](speed, turn)[1] - 1.0
+
+    assert rate(0.4, 1.0, 0.0) == pytest.approx(0.4)
+    assert rate(0.8, 1.0, 0.0) == pytest.approx(0.8 * 2.0**power)
+    assert rate(0.0, 5.0, 0.0) == 0.0
+    assert rate(0.0, 5.0, 1.0) == pytest.approx(0.4)  # wheels at 0.4 m/s turn on the spot
 
 
 @pytest.mark.parametrize(("own", "wheels"), [(0.0, (0.1, 0.3)), (0.5, (0.15, 0.3)), (1.0, (0.2, 0.3))])
