@@ -6,7 +6,7 @@ the set A of parameters that are causes. Model: :mod:`.inference.hierarchical`; 
 Estimator: a joint fit (:mod:`.inference.gauss_newton`), corrected by runs at its posterior mean. Its Gaussian
 likelihood holds near its point alone. So the best set, its rivals and the most probable sets get fits of their own, the
 *modes*, each by its causes. Errors of form leave a part of the difference of the evidence of two modes
-(:func:`.hierarchical.information_left`).
+(:func:`.hierarchical.score_left`).
 
 Units: θ in typical sizes. Shapes: K parameters, G groups, n_p observables of experiment p.
 """
@@ -24,7 +24,7 @@ from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import UsageError, one_of
 from s2r_spec.diagnose.candidates import Predicted, predicted
 from s2r_spec.diagnose.inference.gauss_newton import CLOSE, Errors, Fit, fit
-from s2r_spec.diagnose.inference.hierarchical import LAW_SHARE, Likelihood
+from s2r_spec.diagnose.inference.hierarchical import Likelihood, score_left
 from s2r_spec.diagnose.inference.misfit import Misfit, energies
 from s2r_spec.diagnose.inference.model_search import ModelPosterior, Set, combine, nearest_mode, posterior
 from s2r_spec.diagnose.inference.observation import Observation, Problem
@@ -127,9 +127,6 @@ def estimate(
         first = posterior(joint.likelihood, joint.theta, prior)
         if np.abs(first.probability @ first.mean - before)[prior.causes].max(initial=0.0) < SETTLED:
             break
-    problem = with_likely_law(problem, joint.theta, moments(first)[1])
-    joint = fit(problem, joint.theta, errors=Errors.at(problem, joint.theta, moments(first)[1]))
-    first = posterior(joint.likelihood, joint.theta, prior)
     starts = {first.sets[0]: (problem, first.mean[0])}
     for theta, members in rivals(joint.likelihood, first):
         # Beside a large effect a sum of responses may be wrong, so each rival has runs of its own.
@@ -220,18 +217,6 @@ def _joint_fit(library: ResponseLibrary, problem: Problem) -> Fit:
     return fits[int(np.argmax(evidence))]
 
 
-def with_likely_law(problem: Problem, theta: FloatArray, deviation: FloatArray) -> Problem:
-    """Return the problem with ρ² at its posterior mean, by the evidence around θ ± (K,) deviations."""
-    laws, evidence = (0.5 * LAW_SHARE, LAW_SHARE), []
-    for law in laws:
-        own = problem.with_law(law)
-        refit = fit(own, theta, errors=Errors.at(own, theta, deviation))
-        sets = posterior(refit.likelihood, refit.theta, problem.prior)
-        evidence.append(sets.log_evidence - np.log(sets.probability[0]))
-    weight = np.exp(np.array(evidence) - max(evidence))
-    return problem.with_law(float(np.sqrt(weight @ np.square(laws) / weight.sum())))
-
-
 def moments(posterior: ModelPosterior) -> tuple[FloatArray, FloatArray]:
     """Return (K,) mean and (K,) standard deviation of every size over all sets, before truncation to the ranges."""
     mean = posterior.probability @ posterior.mean
@@ -264,7 +249,7 @@ def fit_modes(
     for active, (problem, theta) in modes.items():
         prior = problem.prior
         start = np.clip(theta, prior.low, prior.high)
-        own = Errors(variances, np.abs(start), problem.law)
+        own = Errors(variances, np.abs(start))
         last = fit(problem, start, prior.deviation(active), own)
         estimates[active] = Estimate(library, last, posterior(last.likelihood, last.theta, prior), problem)
     return estimates
@@ -280,8 +265,8 @@ def over_modes(modes: Mapping[Set, Estimate]) -> ModelPosterior:
     most, softened = best.posterior.log_evidence, {}
     for active, mode in modes.items():
         deficit = most - mode.posterior.log_evidence
-        part = best.fit.information_left(squared_difference(best, mode)) if deficit > 0.0 else 1.0
-        softened[active] = replace(mode.posterior, log_evidence=most - part * deficit)
+        ratio = best.fit.form_ratio(squared_difference(best, mode))
+        softened[active] = replace(mode.posterior, log_evidence=most - score_left(deficit, ratio))
     return combine(softened)
 
 

@@ -23,7 +23,7 @@ Source: Atkinson, Donev & Tobias, *Optimum Experimental Designs* (2007), ch. 20.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -201,7 +201,6 @@ class InformationForecast:
 
 def information(one: Observation, fit: Fit, sizes: FloatArray) -> FloatArray:
     """Return (K, K) the information of an observation about ψ, with slopes from nominal to (K,) sizes."""
-    one = replace(one, law=fit.errors.law)
     if not one.parts:
         return np.zeros((sizes.size, sizes.size))
     slopes = [
@@ -213,7 +212,7 @@ def information(one: Observation, fit: Fit, sizes: FloatArray) -> FloatArray:
     before, at = Variances.prior(len(one.parts)), fit.errors.sizes
     marginal = groups.likelihood(at, before).without_variants(sizes.size)
     kinds = len(one.parts) * [one.response.experiment.protocol]
-    form = form_error(one.law, at, groups.information(at, before), kinds, marginal.information)
+    form = form_error(at, groups.information(at, before), kinds, marginal.information)
     return marginal.with_form_error(form).information
 
 

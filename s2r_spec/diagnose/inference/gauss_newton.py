@@ -25,7 +25,7 @@ from s2r_spec.diagnose.inference.hierarchical import (
     Likelihood,
     Variances,
     form_error,
-    information_left,
+    form_ratio,
     shared_error,
 )
 from s2r_spec.diagnose.inference.observation import Problem
@@ -49,17 +49,15 @@ class Errors:
     Attributes:
         variances: (n_p,) of the responses in u, for every experiment. Fits whose evidence is compared have the same.
         sizes: (K,) at which the law errors are.
-        law: ρ.
     """
 
     variances: Sequence[FloatArray]
     sizes: FloatArray
-    law: float
 
     @classmethod
     def at(cls, problem: Problem, theta: FloatArray, deviation: FloatArray | None = None) -> Errors:
         """Return the errors at (K,) sizes ± deviations."""
-        return cls(problem.errors(theta, deviation), np.abs(theta), problem.law)
+        return cls(problem.errors(theta, deviation), np.abs(theta))
 
 
 @dataclass(frozen=True)
@@ -85,16 +83,13 @@ class Fit:
     def likelihood(self) -> Likelihood:
         """The likelihood of θ around the estimate, with all errors; the prior is not in it."""
         own, sizes = self.groupwise, self.errors.sizes
-        form = form_error(self.errors.law, sizes, self._by_group, self.kinds, own.information)
+        form = form_error(sizes, self._by_group, self.kinds, own.information)
         return own.with_form_error(form).with_shared_error(self.shared)
 
-    def information_left(self, difference: FloatArray) -> float:
-        """Return the part of a difference of log evidence that errors of form leave.
-
-        It belongs to two predictions with (G,) this mean squared difference in each group, in u.
-        """
+    def form_ratio(self, difference: FloatArray) -> float:
+        """Return Q_D/J_D at ρ = 1, of two predictions with (G,) this mean squared difference in each group, in u."""
         apart = self.groups.size / self.variances.noise * difference
-        return information_left(apart, self.errors.law * self.errors.sizes, self._by_group, self.kinds)
+        return form_ratio(apart, self.errors.sizes, self._by_group, self.kinds)
 
     @cached_property
     def _by_group(self) -> FloatArray:
@@ -128,7 +123,7 @@ def fit(
     theta = search(problem) if start is None else np.clip(start, prior.low, prior.high)
     if errors is None:
         wide = np.maximum(np.abs(theta), deviation)
-        errors = Errors(problem.errors(theta), wide, problem.law)
+        errors = Errors(problem.errors(theta), wide)
     components = Variances.prior(sum(len(one.parts) for one in observations))
     groups = _group(problem, theta, errors)
     for step in range(STEPS):

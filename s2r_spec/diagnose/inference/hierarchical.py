@@ -8,7 +8,7 @@ variants. Model:
     b_g ~ N(0, τ_g² I_K + ρ_g² diag(θ²))          law error: the machine's laws are not the simulator's, so that
     c_g ~ N(0, 4 τ_g² I_V)                        each group sees the size of an effect with an error of its own
     ε_g ~ N(0, s_g² diag(u_g²) n_g/N_g)           scatter and form error, of N_g independent numbers
-    φ ~ N(0, I_V),   τ_g² ~ Inv-χ²(ν, τ0²),   s_g² ~ Inv-χ²(ν, 1),   ρ: ρ0 or ρ0/2, equally probable
+    φ ~ N(0, I_V),   τ_g² ~ Inv-χ²(ν, τ0²),   s_g² ~ Inv-χ²(ν, 1)
 
 u_g (n_g,) is the known shape of the error (:mod:`.observation`), ρ_g the relative error of a sum of responses, and N_g
 the effective number of independent errors (:mod:`.additivity`). A group that the model cannot follow gets a large τ_g
@@ -24,22 +24,22 @@ are common to several groups, so they do not average out:
 
     form    an effect has another shape, in all groups of one kind of motion c:
             J becomes (J⁻¹ + J⁻¹ Q J⁻¹)⁻¹, and h becomes J (J + Q)⁻¹ h,
-            Q = Σ_c [C_c ∘ O_c diag(ρ² θ²) O_c + Σ_k (ρ0² − ρ²) θ_k² J_c,k J_c,kᵀ],   J_c = Σ_{g in c} J_g,
-            O_c,jk = Σ_{g in c} (J_g,jj J_g,kk)^½,   C_c: correlations of J_c,   J_c,k: its column k
+            Q = Σ_c C_c ∘ O_c diag(ρ0² θ²) O_c,   O_c,jk = Σ_{g in c} (J_g,jj J_g,kk)^½,
+            C_c: correlations of J_c = Σ_{g in c} J_g
     size    an effect's size in the laws of another author is not defined any better: the covariance grows by
             σ_c² + ρ0² θ_k² + τ0² (λ_k − 1)
 
-ρ is one number of the machine: how far the shapes of its author's laws are from the simulator's
-(:func:`..estimation.with_likely_law`). An error of size leaves no residual, so it stays ρ0. A law that differs by the
-part ρ changes the signal of effect k in group g by ρ θ_k J_g,kk^½, in units of the error: along effect j a score of up
-to ρ θ_k (J_g,jj J_g,kk)^½. Groups of one kind of motion, the tests or a protocol, share the shape, so these add up to
-ρ θ_k O_c,jk. The scores of two effects correlate as their signals do. So a fine detail of shape does not separate two
-effects. The second term is the error of the size that one kind of motion sees.
+A law that differs by the part ρ changes the signal of effect k in group g by ρ θ_k J_g,kk^½, in units of the error:
+along effect j a score of up to ρ θ_k (J_g,jj J_g,kk)^½. Groups of one kind of motion, the tests or a protocol, share
+the shape, so these add up to ρ θ_k O_c,jk. The scores of two effects correlate as their signals do. So a fine detail of
+shape does not separate two effects.
 
 Two modes differ in log likelihood by h_D − ½ J_D, with the score h_D along D, the difference of their predictions. J_D
 sums J_D,g = N_g/(n_g s_g²) |D_g/u_g|² over the groups. Errors of form grow the variance of h_D from J_D to J_D + Q_D,
-with Q_D = Σ_c Σ_k ρ² θ_k² (Σ_{g in c} (J_D,g J_g,kk)^½)². So the part J_D/(J_D + Q_D) of the difference counts. θ, s_g
-and J_g are those of the more probable mode.
+with Q_D = Σ_c Σ_k ρ² θ_k² (Σ_{g in c} (J_D,g J_g,kk)^½)². With q = Q_D/J_D and ρ² ~ Inv-χ²(ν, ρ0²), this much of a
+difference S counts (:func:`score_left`). θ, s_g and J_g are those of the more probable mode.
+
+    S' = −log E_ρ [(1 + q)^−½ exp(−S/(1 + q))]
 
 λ_k ≥ 1 says how much more than by T_g the groups disagree about parameter k: the mode of λ_k ~ Inv-χ²(ν, 1), if T_g is
 multiplied by diag(λ). It does not change the weights of groups: groups that all ask for the same θ_k could else count
@@ -64,9 +64,9 @@ LAW_ERROR = 0.02
 """Prior: scale τ0 of the law error of a group, in typical sizes. Chosen among 0.01, 0.02, 0.05 by the errors on 20 of
 the twins of `benchmarks/diagnose/protocol_fit.py`, which are therefore validation."""
 LAW_SHARE = 0.1
-"""Prior: part ρ0 of an effect's size by which its law is wrong in one kind of motion; ρ is ρ0 or half as much, which is
-equally probable. It is also the scale of ρ_g and κ_g. A quarter was tried, too: intervals then hold fewer than 85 % of
-the truths of two machines of `benchmarks/blind/development.py`, which are therefore validation."""
+"""Prior: part ρ0 of an effect's size by which its law is wrong in one kind of motion, and scale of ρ_g and κ_g. A
+quarter was tried, too: intervals then hold fewer than 85 % of the truths of two machines of
+`benchmarks/blind/development.py`, which are therefore validation."""
 DEGREES = 4.0
 """Prior: degrees of freedom ν of both variances of a group. Chosen like τ0, among 1 and 4."""
 LARGEST = 60.0
@@ -76,6 +76,8 @@ SHARED = 0.03
 of different authors differ by so much. Chosen among 0.02 to 0.05 by density of the true sizes and coverage of the
 intervals, in 35 twins of `benchmarks/diagnose/protocol_fit.py` and 17 cases of each of four machines of
 `benchmarks/blind/development.py`, which are therefore validation."""
+NODES = 200
+"""Budget: values of ρ over which a density is averaged; a score is then right to 0.001 nat."""
 TINY = 1e-9
 """Tolerance: information below this part of the largest counts as none."""
 ROUNDS = 20
@@ -297,39 +299,34 @@ def shared_error(theta: FloatArray, scale: FloatArray) -> FloatArray:
 
 
 def form_error(
-    law: float, theta: FloatArray, by_group: FloatArray, kinds: Sequence[str], information: FloatArray
+    theta: FloatArray, by_group: FloatArray, kinds: Sequence[str], information: FloatArray
 ) -> FloatArray:
     """Return (K, K) Q, the covariance of the score by errors of form.
 
     Args:
-        law: ρ, along other effects. Along the effect itself it is ρ0 in every machine, for no residual shows it.
         theta: (K,) sizes of the effects whose laws differ.
         by_group: (G, K, K) information of every group.
         kinds: of motion, of every group.
         information: (K, K) J; without the part that variants take, so it is at most the sum of ``by_group``.
     """
     root = np.sqrt(np.maximum(np.einsum("gkk->gk", by_group), 0.0))
-    total, form = np.zeros_like(information), (law * theta) ** 2
-    size = np.maximum((LAW_SHARE * theta) ** 2 - form, 0.0)
+    total, form = np.zeros_like(information), (LAW_SHARE * theta) ** 2
     for kind in dict.fromkeys(kinds):
         own = np.array([each == kind for each in kinds])
         overlap = root[own].T @ root[own]
         inside = by_group[own].sum(axis=0)
         deviation = np.sqrt(np.maximum(np.diag(inside), TINY))
         total += inside / np.outer(deviation, deviation) * ((overlap * form) @ overlap)
-        total += (inside * size) @ inside
     left = np.sqrt(np.maximum(np.diag(information), 0.0) / np.maximum((root**2).sum(axis=0), TINY))
     return np.asarray(total * np.outer(left, left) ** 2)
 
 
-def information_left(
-    apart: FloatArray, errors: FloatArray, by_group: FloatArray, kinds: Sequence[str]
-) -> float:
-    """Return J_D/(J_D + Q_D), the part of the difference of two log likelihoods that errors of form leave.
+def form_ratio(apart: FloatArray, theta: FloatArray, by_group: FloatArray, kinds: Sequence[str]) -> float:
+    """Return Q_D/J_D at ρ = 1: the variance of a difference of scores by errors of form, beside that by noise.
 
     Args:
         apart: (G,) J_D,g of every group.
-        errors: (K,) ρ θ, by which the laws of the effects differ.
+        theta: (K,) sizes of the effects whose laws differ.
         by_group: (G, K, K) information of every group.
         kinds: of motion, of every group.
     """
@@ -337,6 +334,20 @@ def information_left(
     form = 0.0
     for kind in dict.fromkeys(kinds):
         overlap = root[np.array([each == kind for each in kinds])].sum(axis=0)
-        form += float(((errors * overlap) ** 2).sum())
+        form += float(((theta * overlap) ** 2).sum())
     total = float(apart.sum())
-    return total / (total + form) if total > 0.0 else 1.0
+    return form / total if total > 0.0 else 0.0
+
+
+def score_left(score: float, ratio: float) -> float:
+    """Return S' = −log E_ρ [(1 + q)^−½ exp(−S/(1 + q))], what errors of laws leave of a difference of scores S > 0.
+
+    q is ρ² times a ratio Q_D/J_D at ρ = 1, and ρ² ~ Inv-χ²(ν, ρ0²).
+    """
+    from scipy.special import logsumexp
+
+    log_share = np.linspace(-4.0, 16.0, NODES)  # of ρ²/ρ0², beyond which there is no part of the prior
+    prior = -0.5 * DEGREES * (log_share + np.exp(-log_share))
+    log_ratio = np.log1p(ratio * LAW_SHARE**2 * np.exp(log_share))
+    worse = logsumexp(prior - score * np.exp(-log_ratio) - 0.5 * log_ratio)
+    return min(float(logsumexp(prior) - worse), score)

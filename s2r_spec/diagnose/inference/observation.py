@@ -294,15 +294,6 @@ class Problem:
     observations: tuple[Observation, ...]
     prior: SizePrior
 
-    def with_law(self, law: float) -> Problem:
-        """Return the problem with another ρ."""
-        return replace(self, observations=tuple(replace(one, law=law) for one in self.observations))
-
-    @property
-    def law(self) -> float:
-        """The ρ of all experiments."""
-        return self.observations[0].law
-
     def errors(self, theta: FloatArray, deviation: FloatArray | None = None) -> list[FloatArray]:
         """Return (n_p,) the variances of all responses at θ ± (K,) deviations, for every experiment."""
         return [one.errors(theta, deviation) for one in self.observations]

@@ -58,7 +58,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.base.arrays import FloatArray
-from s2r_spec.diagnose.inference.hierarchical import DEGREES, LAW_SHARE, SHARED, TINY, Groups
+from s2r_spec.diagnose.inference.hierarchical import DEGREES, LAW_SHARE, SHARED, TINY, Groups, score_left
 from s2r_spec.diagnose.inference.misfit import energies
 from s2r_spec.diagnose.inference.model_search import KEPT, ModelPosterior, Set
 from s2r_spec.diagnose.inference.observation import Observation
@@ -78,8 +78,6 @@ PIVOTS = 1_000
 """Budget: most rounds of :func:`bounded`; random problems of 45 variables take 7."""
 NEAR = 1e-9
 """Tolerance: a size this near to a bound lies on it, in typical sizes."""
-NODES = 200
-"""Budget: values of ρ over which a density is averaged; S' is then right to 0.001 nat."""
 FIRST = 0.7
 """Tolerance: part of the first step that is taken, since the scales still move."""
 
@@ -243,18 +241,7 @@ def part_left(better: Candidate, worse: Candidate) -> float:
     if not (score > 0.0 and each.sum() > 0.0):
         return 1.0
     error = float(theta**2 @ better.information.overlaps(each)) / float(each.sum())
-    return min(_left(score, error) / score, 1.0)
-
-
-def _left(score: float, error: float) -> float:
-    """Return S' = −log E_ρ [(1 + q)^−½ exp(−S/(1 + q))], with q = ρ² times an error."""
-    from scipy.special import logsumexp
-
-    log_share = np.linspace(-4.0, 16.0, NODES)  # of ρ²/ρ0², beyond which there is no part of the prior
-    prior = -0.5 * DEGREES * (log_share + np.exp(-log_share))
-    log_ratio = np.log1p(error * LAW_SHARE**2 * np.exp(log_share))
-    worse = logsumexp(prior - score * np.exp(-log_ratio) - 0.5 * log_ratio)
-    return float(logsumexp(prior) - worse)
+    return score_left(score, error) / score
 
 
 @dataclass(frozen=True)

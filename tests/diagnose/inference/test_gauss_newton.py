@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from s2r_spec.diagnose.estimation import with_likely_law
 from s2r_spec.diagnose.inference.gauss_newton import Errors, fit
 from s2r_spec.diagnose.inference.hierarchical import LAW_SHARE
 from s2r_spec.diagnose.inference.observation import Observation, Problem
@@ -34,8 +33,8 @@ def curve(points, of, kind=ResponseCurve):
     return kind(np.array(points), np.array([of(x) for x in points]))
 
 
-def problem(amplitude, phase, offset, shape=0.0):
-    """A machine with a ripple, and the library of a simulator. The ripple's laws differ by the part ``shape``."""
+def problem(amplitude, phase, offset):
+    """A machine with a ripple, and the library of a simulator."""
     rng = np.random.default_rng(1)
     observables = Observables(5.0, (ObservedQuantity("force", "force", "", np.ones(1)),), ())
     size = observables.groups[-1].stop
@@ -65,10 +64,7 @@ def problem(amplitude, phase, offset, shape=0.0):
         np.zeros((0, size)),
         Practice(theta, np.zeros((24, 0)), practice),
     )
-    other = shape * amplitude * np.sin(3.0 * POSITION)
-    runs = [
-        whole(force(amplitude, phase, offset) + other) + SCATTER * rng.normal(size=size) for _ in range(2)
-    ]
+    runs = [whole(force(amplitude, phase, offset)) + SCATTER * rng.normal(size=size) for _ in range(2)]
     return Problem((Observation.of(response, runs, DEPENDENCE),), PRIOR)
 
 
@@ -86,22 +82,11 @@ def test_a_machine_without_a_ripple_gets_none():
     assert abs(fit(problem(0.0, 0.0, 0.4)).theta[0]) < 0.05
 
 
-def test_the_law_error_of_a_machine_is_estimated():
-    """A machine with the simulator's laws has half of the usual law error, and one with other laws nearly all of it."""
-    same, other = (problem(1.0, 0.25, 0.4, shape) for shape in (0.0, 0.2))
-    same, other = (with_likely_law(of, fit(of).theta, np.full(3, 0.05)).law for of in (same, other))
-    assert 0.5 * LAW_SHARE <= same < 0.6 * LAW_SHARE
-    assert 0.85 * LAW_SHARE < other <= LAW_SHARE
-
-
-def test_an_error_of_size_stays_where_the_laws_seem_the_same():
-    """It leaves no residual, so no data can lower it."""
+def test_an_error_of_size_leaves_no_residual_and_stays():
     of = problem(1.0, 0.25, 0.4)
     theta = fit(of).theta
-    for law in (0.5 * LAW_SHARE, LAW_SHARE):
-        own = of.with_law(law)
-        shared = fit(own, theta, errors=Errors.at(own, theta)).shared
-        assert (shared >= (LAW_SHARE * theta) ** 2).all()
+    shared = fit(of, theta, errors=Errors.at(of, theta)).shared
+    assert (shared >= (LAW_SHARE * theta) ** 2).all()
 
 
 def test_a_run_at_the_estimate_is_exact_only_as_far_as_it_reaches():
