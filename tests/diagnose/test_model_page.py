@@ -12,7 +12,7 @@ ROOT = Path(__file__).parents[2]
 
 def test_the_page_has_the_figures_of_the_benchmark():
     twins = json.loads((ROOT / "benchmarks" / "results" / "protocol_fit.json").read_text())["twins"]
-    page = (ROOT / "docs" / "explanation" / "diagnosis-model.md").read_text()
+    page = (ROOT / "docs" / "explanation" / "diagnosis.md").read_text()
     table = [line.split("|") for line in page.splitlines() if line.count("|") == 3]
     rows = {cells[1].strip(): cells[2].strip() for cells in table}
     rms = [one["rms"] for one in twins["errors"].values()]
@@ -32,7 +32,7 @@ def test_the_page_has_the_figures_of_the_benchmark():
 
 def test_the_page_has_the_counts_of_the_plants():
     scores = json.loads((ROOT / "benchmarks" / "results" / "plants_diagnose.json").read_text())["scores"]
-    page = (ROOT / "docs" / "explanation" / "diagnosis-model.md").read_text()
+    page = (ROOT / "docs" / "explanation" / "diagnosis.md").read_text()
     for words, kind, key in (
         ("healthy machines without a name", "null", "nothing named"),
         ("large effects that are named alone", "single", "named alone"),
