@@ -70,7 +70,7 @@ from s2r_spec.workers.pools import ExecutorFactory, keep_open
 
 ASSUMPTIONS = (
     "the real rollouts were run at the recorded tests, and only those named in a note were left out",
-    "the real machine's laws differ from the simulator's by at most about a tenth of each effect, in size and shape",
+    "the real machine's laws differ from the simulator's by a tenth of each effect in size and shape, seldom by more",
     "if an effect outside the catalogue looks like one in it, the diagnosis names the one in the catalogue",
 )
 
