@@ -1,6 +1,6 @@
 """Score the diagnosis on fresh development cases of a machine: sizes, names, verdicts and processor time.
 
-    python -m benchmarks.blind.development car --cases 60 --seed 4601 [--workers 1] [--write]
+    python -m benchmarks.blind.development car --cases 60 --seed 4601 [--workers 1] [--write]    # or a1, axis, arm, …
 
 Cases come from the generators of the sealed sets, with known labels. Each is diagnosed from its recorded tests of the
 specification alone. Answers are kept, one file a case, in a folder named after the code, so a second call resumes.
@@ -31,6 +31,8 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.blind.a1 import cases as a1
+from benchmarks.blind.a1.generate import write_case as write_a1_case
 from benchmarks.blind.emps.cases import plan, realise
 from benchmarks.blind.emps.generate import BATCH, BUDGETS, kinds_of, write_case
 from benchmarks.blind.outsiders.cases import make_case
@@ -45,7 +47,9 @@ from s2r_spec.spec import load_spec
 ROOT = Path(__file__).parents[2]
 HERE = Path(__file__).parent
 
-MACHINES = ("axis", *OUTSIDERS)
+MACHINES = ("a1", "axis", *OUTSIDERS)
+ROLLOUTS = 30
+"""Definition: rollouts of a case of the A1, at the same tests in every case, so that all share one library."""
 BLOCK = 20
 """Definition: cases that have the mixture's shares of kinds; sets of more have several such blocks."""
 MUST, MUST_NOT = 0.25, 0.125
@@ -60,8 +64,8 @@ Answer = Mapping[str, Any]
 
 def simulator(machine: str) -> str:
     """Return the name of the machine's simulator, after its folder, if it has one, is on the path."""
-    if machine == "axis":
-        return "emps"
+    if machine in ("a1", "axis"):
+        return "sim" if machine == "a1" else "emps"
     folder = HERE / machine / "simulator"
     if folder.exists() and str(folder) not in sys.path:
         sys.path.insert(0, str(folder))
@@ -90,6 +94,11 @@ def generate(machine: str, count: int, seed: int, out: Path) -> list[str]:
             ]
             for n, case in zip(batch, realise(plans), strict=True):
                 write_case(case, named(n), out)
+        elif machine == "a1":
+            commands = a1.tests(np.random.default_rng(seed), ROLLOUTS)
+            for n, rng in zip(batch, streams, strict=True):
+                own = a1.make_case(rng, kinds[n], ROLLOUTS, commands=commands)
+                write_a1_case(out, named(n), own)
         else:
             module = import_module(f"benchmarks.blind.{machine}.machine")
             for n, rng in zip(batch, streams, strict=True):

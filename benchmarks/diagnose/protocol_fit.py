@@ -31,9 +31,8 @@ from typing import Any
 import numpy as np
 from numpy.random import default_rng
 
-from benchmarks.blind.a1.cases import twin_of
+from benchmarks.blind.a1.cases import background_of, twin_of
 from benchmarks.blind.a1.effects import KNOWN
-from benchmarks.blind.a1.model import made
 from benchmarks.blind.a1.protocols import Bench
 from benchmarks.blind.a1.rollout import Runner
 from benchmarks.rows import add_arguments, resumed
@@ -78,15 +77,7 @@ def machine(number: int, seed: int) -> tuple[Any, list[str], dict[str, Mapping[s
         size[name] = float(np.exp(rng.uniform(np.log(kind.low), np.log(most))))
     own = int(rng.integers(2**62))
     twin, values = twin_of([KNOWN[name] for name in causes], size, own)
-    # twin_of draws the background from the same stream: draw it once more to know it.
-    stream = default_rng([own, 7])
-    made(stream)
-    background: dict[str, Mapping[str, float]] = {}
-    for kind in KNOWN.values():
-        amount, draws = 0.05 * kind.high * abs(stream.normal()), default_rng(stream.integers(2**62))
-        if amount and kind.name not in size:
-            background[kind.name] = kind.values(draws, amount)
-    return twin, causes, {**background, **values}
+    return twin, causes, {**background_of(own, causes), **values}
 
 
 def of_twin(job: tuple[int, int]) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from math import log
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.random import Generator
 
 from benchmarks.blind.a1.effects import KNOWN, NEAR, UNLIKE, Kind
-from benchmarks.blind.a1.model import made
+from benchmarks.blind.a1.model import Build, made
 from benchmarks.blind.a1.rollout import Runner
 from benchmarks.blind.a1.twin import Twin
 from s2r_spec.spec import Spec, load_spec
@@ -51,8 +51,18 @@ class Case:
     label: dict[str, Any]
 
 
-def make_case(rng: Generator, kind: CaseKind, budget: int, held_out: int = 0) -> Case:
-    """Make a case of this kind with ``budget`` rollouts, and ``held_out`` more that nobody diagnoses from."""
+def make_case(
+    rng: Generator,
+    kind: CaseKind,
+    budget: int,
+    held_out: int = 0,
+    commands: Sequence[float] | None = None,
+) -> Case:
+    """Make a case of this kind with ``budget`` rollouts, and ``held_out`` more that nobody diagnoses from.
+
+    ``commands`` are those of the rollouts [m/s], drawn if not given. Cases with the same ones share what a diagnosis
+    simulates.
+    """
     kinds = chosen(rng, kind)
     seed = int(rng.integers(2**62))
     most = {1: 1.0, 2: 0.8, 3: 0.65}.get(len(kinds), 1.0)
@@ -64,12 +74,13 @@ def make_case(rng: Generator, kind: CaseKind, budget: int, held_out: int = 0) ->
         if not any(probe.failure for probe in probes):
             break
         size = {name: _SHRINK * value for name, value in size.items()}
-    rollouts = [run(runner, vd, rng) for vd in tests(rng, budget)]
+    rollouts = [run(runner, vd, rng) for vd in (tests(rng, budget) if commands is None else commands)]
     further = [run(runner, vd, rng) for vd in stratified(rng, held_out)]
     label: dict[str, Any] = {
         "kind": kind,
         "effects": effects,
         "relative_of": kinds[0].relative_of if kinds else None,
+        "background": background_of(seed, effects),
         "generator": VERSION,
     }
     if kinds:
@@ -128,12 +139,10 @@ def twin_of(
 
     Of the effects ``without`` there is nothing at all: the same robot with other ``kinds`` differs in these alone.
     """
-    rng = np.random.default_rng([seed, 7])
-    twin = Twin(build=made(rng) if background else Twin().build)
-    for kind in KNOWN.values():
-        amount, draws = background * kind.high * abs(rng.normal()), np.random.default_rng(rng.integers(2**62))
-        if amount and kind.name not in {*size, *without}:
-            kind.apply(twin, draws, kind.values(draws, amount))
+    build, small = _drawn(seed, background, {*size, *without})
+    twin = Twin(build=build)
+    for kind, draws, values in small:
+        kind.apply(twin, draws, values)
     effects = {}
     for kind in kinds:
         draws = np.random.default_rng([seed, 8, len(effects)])
@@ -141,6 +150,29 @@ def twin_of(
         kind.apply(twin, draws, values)
         effects[kind.name] = {name: round(float(value), 6) for name, value in values.items()}
     return twin, effects
+
+
+def background_of(seed: int, without: Collection[str]) -> dict[str, dict[str, float]]:
+    """Return effect → values of the little that a robot has of every effect but these."""
+    _, small = _drawn(seed, BACKGROUND, without)
+    return {
+        kind.name: {name: round(float(value), 6) for name, value in values.items()}
+        for kind, _, values in small
+    }
+
+
+def _drawn(
+    seed: int, background: float, without: Collection[str]
+) -> tuple[Build, list[tuple[Kind, Generator, Mapping[str, float]]]]:
+    """Return how a robot is built, and every effect that it has a little of, with its random numbers and values."""
+    rng = np.random.default_rng([seed, 7])
+    build = made(rng) if background else Twin().build
+    small = []
+    for kind in KNOWN.values():
+        amount, draws = background * kind.high * abs(rng.normal()), np.random.default_rng(rng.integers(2**62))
+        if amount and kind.name not in without:
+            small.append((kind, draws, kind.values(draws, amount)))
+    return build, small
 
 
 def tests(rng: Generator, budget: int) -> list[float]:
