@@ -20,7 +20,7 @@ def test_the_page_has_the_figures_of_the_benchmark():
     assert rows["parameters with an error above 0.08"] == f"{sum(one > 0.08 for one in rms)} of {len(rms)}"
     assert rows["truths in the 90 % intervals"] == f"{100 * twins['coverage']:.0f} %"
     exact = round(40 * twins["verdicts"]["exact sets"])
-    assert rows["machines whose named effects are right by size"] == f"{exact} of 40"
+    assert rows["twins whose named effects are right by size"] == f"{exact} of 40"
     assert rows["effects of at least 0.25 that are not named"] == str(twins["verdicts"]["missed effects"])
     assert rows["effects below 0.125 that are named"] == str(twins["verdicts"]["wrong effects"])
     slope = {name: one["slope"] for name, one in twins["errors"].items()}
