@@ -78,7 +78,8 @@ def library(
     first = ResponseLibrary(design.parameters, _responses(backend, designs, executor, tell, cache))
     tell = partial(progress, "simulating small sizes")
     every = {axis.name for axis in design.parameters}
-    jobs = [job for e in experiments for job in _Design.of(backend, design.parameters, every).jobs(e)]
+    whole = _Design.of(backend, design.parameters, every)
+    jobs = [job for experiment in experiments for job in whole.jobs(experiment)]
     if backend.cost * sum(len(job.seeds) for job in jobs) < CHEAP:
         bent = frozenset(every)
     else:
@@ -102,12 +103,12 @@ def refined(
     Raises:
         BackendError: a worker dies.
     """
-    designs = {
-        experiment: _Design.of(
-            backend, first.parameters, {*names, *all_points(first.parameters, first.response(experiment))}
-        )
+    every = {
+        experiment: frozenset(names) | all_points(first.parameters, first.response(experiment))
         for experiment, names in wanted.items()
     }
+    made = {names: _Design.of(backend, first.parameters, names) for names in set(every.values())}
+    designs = {experiment: made[names] for experiment, names in every.items()}
     cache = Cache.usual() if cache is None else cache
     finer = _responses(backend, designs, executor, progress, cache)
     own = {one.experiment: one for one in (*first.responses, *finer)}
@@ -292,6 +293,7 @@ class _Design:
                 np.array([[float(own == name) for name in self.variants] for _, own in self.machines]),
                 np.array([rows[job][0] for job in self._practice_jobs()], dtype=float),
             ),
+            nominal,
         )
 
 
@@ -325,9 +327,12 @@ def simulated_rows(
     runs: int = 0,
 ) -> list[FloatArray]:
     """Return (runs, m) observables of every experiment with these effects; without a number, those of its response."""
+    number = [runs or replicates(one.experiment) for one in responses]
+    if not values and all(count <= len(one.runs) for one, count in zip(responses, number, strict=True)):
+        return [one.runs[:count] for one, count in zip(responses, number, strict=True)]
     wanted = {
-        (one.experiment, Job.of(values, runs or replicates(one.experiment))): (one.observables,)
-        for one in responses
+        (one.experiment, Job.of(values, count)): (one.observables,)
+        for one, count in zip(responses, number, strict=True)
     }
     rows = dict(each(backend, vectors, wanted, executor, f"ran backend {backend.name!r} with {values}"))
     return [rows[key].astype(float) for key in wanted]
