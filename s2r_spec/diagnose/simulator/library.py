@@ -72,18 +72,17 @@ def library(
     """
     cache = Cache.usual() if cache is None else cache
     acts = _cached_parameters(backend, experiments, cache)
-    design = _Design.of(backend, effect_axes(catalogue_of(backend), acts))
-    tell = partial(progress, "simulating every effect")
-    designs = dict.fromkeys(experiments, design)
-    first = ResponseLibrary(design.parameters, _responses(backend, designs, executor, tell, cache))
-    tell = partial(progress, "simulating small sizes")
-    every = {axis.name for axis in design.parameters}
-    whole = _Design.of(backend, design.parameters, every)
+    axes = effect_axes(catalogue_of(backend), acts)
+    some, whole = (_Design.of(backend, axes, names) for names in ((), {axis.name for axis in axes}))
     jobs = [job for experiment in experiments for job in whole.jobs(experiment)]
-    if backend.cost * sum(len(job.seeds) for job in jobs) < CHEAP:
-        bent = frozenset(every)
-    else:
-        bent = curved(first, refined(backend, first, most_visible(first), executor, tell, cache))
+    quick = backend.cost * sum(len(job.seeds) for job in jobs) < CHEAP
+    tell = partial(progress, "simulating every effect")
+    designs = dict.fromkeys(experiments, whole if quick else some)
+    first = ResponseLibrary(some.parameters, _responses(backend, designs, executor, tell, cache))
+    if quick:
+        return first
+    tell = partial(progress, "simulating small sizes")
+    bent = curved(first, refined(backend, first, most_visible(first), executor, tell, cache))
     if not bent:
         return first
     tell = partial(progress, "simulating all sizes of some effects")
@@ -310,9 +309,9 @@ def _scatter(moved: FloatArray, groups: Sequence[ObservableGroup]) -> FloatArray
     An observable that a run lacks, since it ended early, scatters by as much as it moves.
     """
     variance = moved.var(axis=0, ddof=1)
-    variance = np.where(
-        np.isfinite(variance), variance, np.nan_to_num(np.nanmax(np.nan_to_num(moved) ** 2, axis=0))
-    )
+    there = np.isfinite(variance)
+    if not there.all():
+        variance = np.where(there, variance, np.nan_to_num(np.nanmax(np.nan_to_num(moved) ** 2, axis=0)))
     for group in groups:
         part = variance[group.start : group.stop]
         variance[group.start : group.stop] = 0.5 * (part + part.mean())

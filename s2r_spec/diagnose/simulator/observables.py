@@ -129,7 +129,7 @@ class Observables:
         rows = [np.hstack([one.of(trace) for one in channels]) for trace in traces]
         return replace(observables, innovations=Innovations.of_nominal(rows))
 
-    @property
+    @cached_property
     def groups(self) -> tuple[ObservableGroup, ...]:
         """The groups of a vector, in its order."""
         groups, start = [], 0
