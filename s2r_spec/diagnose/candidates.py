@@ -103,9 +103,12 @@ def predicted(
     if len(data.runs) < FEWEST:
         return None
     responses = [one.response for one in data.observations]
+    ran: dict[tuple[bytes, int], list[FloatArray]] = {}
 
     def simulate(theta: FloatArray, runs: int) -> list[FloatArray]:
-        return simulated_rows(backend, responses, library.values(theta), executor, runs)
+        if (key := (theta.tobytes(), runs)) not in ran:
+            ran[key] = simulated_rows(backend, responses, library.values(theta), executor, runs)
+        return ran[key]
 
     search = _Search(data, prior, simulate)
     search.run(proposed)

@@ -74,6 +74,10 @@ ASSUMPTIONS = (
     "if an effect outside the catalogue looks like one in it, the diagnosis names the one in the catalogue",
 )
 
+HERE = 2e-3
+"""Budget: declared time of a rollout [s] up to which all run in this process: the thousands of a diagnosis then take a
+few seconds, and a worker takes one to start."""
+
 
 @contextmanager
 def one_thread() -> Iterator[None]:
@@ -119,7 +123,7 @@ def diagnose(
         budget: largest number of real rollouts; 30 from a machine, and all recorded ones, if not given.
         requirement: the requirement to look at; the spec's first if not given.
         seed: fixes everything that is drawn; None for the seed of a resumed campaign, and 0 for a new one.
-        executor: makes a pool for the simulations; None runs them here.
+        executor: makes a pool for the simulations; None runs them here, where quick ones (:data:`HERE`) always run.
         progress: called with (stage, done, of) now and then; ``of`` is 0 where it is not known.
         cache: folder for what is simulated once; the user's cache folder if not given.
         folder: folder of the rollouts of a machine, each on disk before the next begins; a second call resumes.
@@ -143,7 +147,8 @@ def diagnose(
         seed = inherited_seed(folder, recorded_seed, seed)
     seed = NEW_SEED if seed is None else seed
     tell = Watched(progress or (lambda stage, done, of: None))
-    with keep_open(executor if travels(bench) else None) as pool, tell.watching():
+    pooled = bench.backend.cost > HERE and travels(bench)
+    with keep_open(executor if pooled else None) as pool, tell.watching():
         work = _Work(replace(bench, pool=pool), seed, tell, kept)
         if isinstance(real, Backend) and not isinstance(real, HasRecordings):
             data = _campaign(work, real, budget, folder, protocols, passive)

@@ -302,9 +302,8 @@ def _functions(
     medians, spreads = np.array([PRIOR[0]] + [PRIOR[1]] * at.shape[1]).T
     drawn: FloatArray = medians * np.exp(spreads * norm.ppf(np.clip(even, 1e-6, 1 - 1e-6)))
     sizes, lengths = drawn[:, 0], drawn[:, 1:]
-    roots = np.linalg.cholesky(
-        [_covariance(*one, at, at) + noise for one in zip(sizes, lengths, strict=True)]
-    )
+    own, between, free = _squares(at, at), _squares(at, grid), _squares(grid, grid)
+    roots = np.linalg.cholesky([_covariance(*one, own) + noise for one in zip(sizes, lengths, strict=True)])
     white = np.linalg.solve(roots, scaled[:, None])[..., 0]
     log = -np.square(white).sum(axis=1) / 2 - np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
     weights = np.exp(log - log.max())
@@ -312,8 +311,8 @@ def _functions(
     picked = np.searchsorted(sums / sums[-1], (np.arange(KEPT) + generator.uniform()) / KEPT)
     sampled = []
     for k, times in zip(*np.unique(picked[np.arange(count) % KEPT], return_counts=True), strict=True):
-        across = np.linalg.solve(roots[k], _covariance(sizes[k], lengths[k], at, grid))
-        left = _covariance(sizes[k], lengths[k], grid, grid) - across.T @ across
+        across = np.linalg.solve(roots[k], _covariance(sizes[k], lengths[k], between))
+        left = _covariance(sizes[k], lengths[k], free) - across.T @ across
         left[np.diag_indices_from(left)] += 1e-6 * (1.0 + sizes[k] ** 2)
         normal = generator.standard_normal((times, len(grid)))
         sampled.append(white[k] @ across + normal @ np.linalg.cholesky(left).T)
@@ -321,10 +320,16 @@ def _functions(
     return level + scale * np.concatenate(sampled), evidence
 
 
-def _covariance(size: float, lengths: FloatArray, left: FloatArray, right: FloatArray) -> FloatArray:
-    """Return (n, m) covariance of (n, dim) and (m, dim) places: Matérn-5/2, plus 1 for the constant."""
-    far = np.sqrt(5.0 * np.square((left[:, None] - right) / lengths).sum(axis=-1))
-    shape: FloatArray = 1.0 + size**2 * (1.0 + far + np.square(far) / 3.0) * np.exp(-far)
+def _squares(left: FloatArray, right: FloatArray) -> FloatArray:
+    """Return (n, m, dim) squared differences of (n, dim) and (m, dim) places."""
+    return np.asarray(np.square(left[:, None] - right))
+
+
+def _covariance(size: float, lengths: FloatArray, squares: FloatArray) -> FloatArray:
+    """Return (n, m) covariance by (n, m, dim) squared differences of places: Matérn-5/2, plus 1 for the constant."""
+    square = 5.0 * squares @ lengths**-2.0
+    far = np.sqrt(square)
+    shape: FloatArray = 1.0 + size**2 * (1.0 + far + square / 3.0) * np.exp(-far)
     return shape
 
 

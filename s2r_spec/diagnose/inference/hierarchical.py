@@ -56,7 +56,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.base.arrays import FloatArray
 
@@ -112,19 +111,19 @@ class Groups:
         residual: FloatArray,
         columns: FloatArray,
         unit: FloatArray,
-        parts: Sequence[NDArray[np.int64]],
+        parts: Sequence[slice],
         coherent: FloatArray,
         size: FloatArray,
     ) -> Groups:
         """Reduce a residual (m,) and columns (D, m), with u (m,); ``parts`` are the places of each group."""
         r, columns = np.clip(residual / unit, -LARGEST, LARGEST), columns / unit
-        gram, moment, energy, volume = [], [], [], []
+        logs, gram, moment, energy, volume = np.log(unit), [], [], [], []
         for part in parts:
-            m = columns[:, part]
-            gram.append(m @ m.T / len(part))
-            moment.append(m @ r[part] / len(part))
-            energy.append(float(r[part] @ r[part]) / len(part))
-            volume.append(2.0 * float(np.log(unit[part]).mean()))
+            m, own = np.asfortranarray(columns[:, part]), r[part]
+            gram.append(m @ m.T / own.size)
+            moment.append(m @ own / own.size)
+            energy.append(float(own @ own) / own.size)
+            volume.append(2.0 * float(logs[part].mean()))
         return cls(np.array(gram), np.array(moment), np.array(energy), np.array(volume), size, coherent)
 
     @classmethod

@@ -28,7 +28,7 @@ from s2r_spec.base.arrays import FloatArray
 from s2r_spec.diagnose.inference.additivity import relative_errors
 from s2r_spec.diagnose.inference.hierarchical import DEGREES, LARGEST, LAW_SHARE, Groups
 from s2r_spec.diagnose.inference.prior import BACKGROUND, SizePrior
-from s2r_spec.diagnose.simulator.curve import ResponseCurve
+from s2r_spec.diagnose.simulator.curve import Curves, ResponseCurve
 from s2r_spec.diagnose.simulator.observables import NEGLIGIBLE
 from s2r_spec.diagnose.simulator.response import Dependence, Response, replicates
 
@@ -61,7 +61,7 @@ class Observation:
     parts: tuple[tuple[tuple[str, str], NDArray[np.int64]], ...]
     observed: FloatArray
     noise: FloatArray
-    curves: tuple[ResponseCurve, ...]
+    curves: Curves
     spread: FloatArray
     variants: FloatArray
     coherent: FloatArray
@@ -97,25 +97,28 @@ class Observation:
                 kept.append(places)
                 start += places.size
         used = np.concatenate([*kept, np.zeros(0, dtype=np.int64)])
-        bare = cls(
-            response,
-            dependence,
-            used,
-            tuple(parts),
-            (mean - response.nominal)[used],
-            np.zeros(used.size),
-            _calibrated_responses(response, curves, used, parts),
-            np.zeros((len(curves), used.size)),
-            response.variants[:, used],
-            np.full(len(parts), LAW_SHARE),
-            np.array([float(places.size) for _, places in parts]),
-            np.full(used.size, LAW_SHARE),
-            np.zeros(used.size),
-            np.zeros(len(curves)),
-            np.ones(used.size, dtype=bool),
-        )
-        observation = bare.of_runs(len(whole))
-        return observation._calibrated() if parts else observation
+        key = used.tobytes(), dependence.base.tobytes(), dependence.at.tobytes(), len(whole)
+        if key not in response.calibrated:
+            bare = cls(
+                response,
+                dependence,
+                used,
+                tuple(parts),
+                np.zeros(used.size),
+                np.zeros(used.size),
+                _calibrated_responses(response, curves, used, parts),
+                np.zeros((len(curves), used.size)),
+                response.variants[:, used],
+                np.full(len(parts), LAW_SHARE),
+                np.array([float(places.size) for _, places in parts]),
+                np.full(used.size, LAW_SHARE),
+                np.zeros(used.size),
+                np.zeros(len(curves)),
+                np.ones(used.size, dtype=bool),
+            ).of_runs(len(whole))
+            response.calibrated[key] = bare._calibrated() if parts else bare
+        found: Observation = response.calibrated[key]
+        return replace(found, observed=(mean - response.nominal)[used])
 
     def of_runs(self, runs: int) -> Observation:
         """Return the observation with the scatter of the mean of so many real runs."""
@@ -135,15 +138,13 @@ class Observation:
 
     def moved(self, theta: FloatArray) -> FloatArray:
         """Return (n,) the sum of the responses at θ."""
-        factors = self.dependence.factors(theta)
-        each = [f * c.at(float(x)) for f, c, x in zip(factors, self.curves, theta, strict=True)]
-        return np.asarray(np.sum(each, axis=0))
+        factors = self.dependence.factors(theta)[:, None]
+        return np.asarray((factors * self.curves.at(theta)).sum(axis=0))
 
     def squares(self, theta: FloatArray) -> FloatArray:
         """Return (n,) the sum of the squares of the responses at θ."""
-        factors = self.dependence.factors(theta)
-        each = [f * c.at(float(x)) for f, c, x in zip(factors, self.curves, theta, strict=True) if x]
-        return np.asarray(np.sum(np.square(each), axis=0) if each else np.zeros(self.observed.size))
+        factors = self.dependence.factors(theta)[:, None]
+        return np.asarray(np.square(factors * self.curves.at(theta))[theta != 0.0].sum(axis=0))
 
     def residual(self, theta: FloatArray) -> FloatArray:
         """Return (n,) the residual at θ."""
@@ -151,14 +152,14 @@ class Observation:
 
     def columns(self, theta: FloatArray, secants: bool = False) -> FloatArray:
         """Return (K + V, n) the tangents of all responses at θ, or their secants from nominal, then the variants."""
-        factors = self.dependence.factors(theta)
-        slopes = [
-            f * (c.secant(float(x)) if secants else c.slope(float(x)))
-            for f, c, x in zip(factors, self.curves, theta, strict=True)
-        ]
+        if secants:
+            slopes = np.array([c.secant(x) for c, x in zip(self.curves, theta.tolist(), strict=True)])
+        else:
+            slopes = self.curves.slope(theta)
+        slopes = self.dependence.factors(theta)[:, None] * slopes
         for k, base in self.dependence.pairs:
-            slopes[base] = slopes[base] + self.curves[k].at(float(theta[k])) / self.dependence.at[k]
-        return np.vstack([*slopes, self.variants])
+            slopes[base] += self.curves[k].at(float(theta[k])) / self.dependence.at[k]
+        return np.vstack([slopes, self.variants])
 
     def error(self, parameter: int, size: float, deviation: float = 0.0) -> FloatArray:
         """Return (n,) the variance of a response of this size ± deviation.
@@ -204,7 +205,8 @@ class Observation:
 
     def reduced(self, residual: FloatArray, columns: FloatArray, errors: FloatArray) -> Groups:
         """Return the groups of (n,) a residual and (K + V, n) columns, under the error of (n,) these variances."""
-        return Groups.of(residual, columns, self.unit(errors), self._places, self.coherent, self.effective)
+        parts = [slice(start, start + count) for start, count in zip(*self._layout, strict=True)]
+        return Groups.of(residual, columns, self.unit(errors), parts, self.coherent, self.effective)
 
     def _calibrated(self) -> Observation:
         """Return the observation with the relative errors that the practice machines show."""
@@ -229,11 +231,9 @@ class Observation:
 
     @cached_property
     def _background(self) -> FloatArray:
-        each = [
-            np.mean([self.form**2 * c.at(s * BACKGROUND) ** 2 for s in (-1.0, 1.0)], axis=0)
-            for c in self.curves
-        ]
-        return np.asarray(np.sum(each, axis=0) + BACKGROUND**2 * self.spread.sum(axis=0))
+        ends = [self.curves.at(np.full(len(self.curves), end)) for end in (-BACKGROUND, BACKGROUND)]
+        each = np.mean([self.form**2 * own**2 for own in ends], axis=0)
+        return np.asarray(each.sum(axis=0) + BACKGROUND**2 * self.spread.sum(axis=0))
 
     @property
     def _places(self) -> list[NDArray[np.int64]]:
@@ -250,7 +250,7 @@ def _calibrated_responses(
     curves: Sequence[ResponseCurve],
     used: NDArray[np.int64],
     parts: Sequence[tuple[tuple[str, str], NDArray[np.int64]]],
-) -> tuple[ResponseCurve, ...]:
+) -> Curves:
     """Return the responses in the observables that are used, without what is scatter of their runs."""
     unit, number = np.sqrt(response.scatter[used] ** 2 + NEGLIGIBLE**2), replicates(response.experiment)
     found = []
@@ -262,7 +262,7 @@ def _calibrated_responses(
                 values[:, places] / unit[places], variance[:, places] / unit[places] ** 2
             )
         found.append(replace(curve, values=values))
-    return tuple(found)
+    return Curves(found)
 
 
 def share_of_signal(measured: FloatArray, variance: FloatArray) -> float:

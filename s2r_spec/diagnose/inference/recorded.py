@@ -157,6 +157,5 @@ def _innovation_ratios(
 
 def background(one: Observation) -> FloatArray:
     """Return (n,) the variance by σ_bg of every parameter."""
-    each = [(curve.at(-BACKGROUND) ** 2 + curve.at(BACKGROUND) ** 2) / 2.0 for curve in one.curves]
-    alone = one.dependence.base < 0
-    return np.asarray(sum(own for own, counts in zip(each, alone, strict=True) if counts))
+    low, high = (one.curves.at(np.full(len(one.curves), end)) for end in (-BACKGROUND, BACKGROUND))
+    return np.asarray(((low**2 + high**2) / 2.0)[one.dependence.base < 0].sum(axis=0))

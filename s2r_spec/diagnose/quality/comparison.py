@@ -125,8 +125,9 @@ class Comparison:
     def whitening(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """W (n, s, d) by which C⁻¹ = 1 − WᵀW of a rollout, C⁻¹J (k, n · d), and JᵀC⁻¹J (k, k)."""
         w, j = np.linalg.solve(np.linalg.cholesky(_inner(self.scatter)), self.scatter), self.effects
-        cj = j - np.einsum("nsd,nsk->knd", w, np.einsum("nsd,knd->nsk", w, j))
-        return np.asarray(w), cj.reshape(len(j), w[:, 0].size), np.einsum("knd,lnd->kl", j, cj)
+        own = j.swapaxes(0, 1)
+        cj = (own - (own @ w.swapaxes(1, 2)) @ w).swapaxes(0, 1).reshape(len(j), w[:, 0].size)
+        return np.asarray(w), cj, np.asarray(j.reshape(cj.shape) @ cj.T)
 
     @cached_property
     def _root(self) -> FloatArray:
@@ -140,8 +141,8 @@ class Comparison:
         """
         w, cj, _ = self.whitening
         flat = rests.reshape(len(rests), len(self.traces), -1)
-        white = np.einsum("nsd,mnd->mns", w, flat).reshape(len(flat), -1)
         whole = flat.reshape(len(flat), -1)
+        white = (flat.swapaxes(0, 1) @ w.swapaxes(1, 2)).swapaxes(0, 1).reshape(len(flat), -1)
         products = whole @ whole.T - white @ white.T
         if effects and len(cj):
             explained = np.linalg.solve(self._root, cj @ whole.T)
@@ -266,15 +267,17 @@ def _beside_others(apart: FloatArray) -> tuple[FloatArray, FloatArray]:
 
     They follow from (n, s, T, c) deviations from the mean of all, in floors.
     """
-    s = apart.shape[1]
-    own = apart * (s / (s - 1.0))
-    left = np.empty_like(own)
+    n, s = apart.shape[:2]
+    flat, one = apart.reshape(n, s, -1), np.eye(s)
+    gram, each = flat @ flat.swapaxes(1, 2), np.empty((n, s, s))
     for k in range(s):
-        others = np.delete(apart, k, axis=1)
-        known, r = _scatter(others - others.mean(axis=1, keepdims=True)), own[:, k].reshape(len(own), -1)
-        taken = np.linalg.solve(_inner(known), np.einsum("nsd,nd->ns", known, r)[..., None])
-        left[:, k] = (r - np.einsum("nsd,ns->nd", known, taken[..., 0])).reshape(own[:, k].shape)
-    return own.swapaxes(0, 1), left.swapaxes(0, 1)
+        # The others, around their own mean: all that follows is a sum of the s deviations.
+        known = _scatter(np.delete(one + one[k] / (s - 1.0), k, axis=0)[None])[0]
+        r = one[k] * (s / (s - 1.0))
+        inner = np.eye(s - 1) + known @ gram @ known.T
+        each[:, k] = r - np.linalg.solve(inner, (known @ (gram @ r)[..., None]))[..., 0] @ known
+    left = (each @ flat).reshape(apart.shape)
+    return (apart * (s / (s - 1.0))).swapaxes(0, 1), left.swapaxes(0, 1)
 
 
 def _scatter(apart: FloatArray) -> FloatArray:
@@ -284,5 +287,5 @@ def _scatter(apart: FloatArray) -> FloatArray:
 
 
 def _inner(scatter: FloatArray) -> FloatArray:
-    inner: FloatArray = np.eye(scatter.shape[1]) + np.einsum("nsd,ntd->nst", scatter, scatter)
+    inner: FloatArray = np.eye(scatter.shape[1]) + scatter @ scatter.swapaxes(1, 2)
     return inner

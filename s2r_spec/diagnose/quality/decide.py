@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 from s2r_spec.base.arrays import FloatArray
 from s2r_spec.diagnose.quality.channels import by_channel, find_copied, hold
@@ -95,7 +96,11 @@ def find_suspects(bench: Bench, c: Comparison, rollouts: Sequence[TestRun]) -> l
         return machine.misfit(values, there=undone.there) + machine.volume - c.volume
 
     bench = replace(bench, progress=None)  # nobody knows how many machines are tried
-    machine = nearest_machine(bench, c, c.recorded)
+
+    @cache
+    def machine() -> Comparison:
+        return nearest_machine(bench, c, c.recorded)
+
     if not any(one.removes(MOST, one.before) for one in judged):
         # A mistake may stand beside an effect that is far from nominal.
         for k, one in enumerate(judged[:CAUSES]):
@@ -104,7 +109,11 @@ def find_suspects(bench: Bench, c: Comparison, rollouts: Sequence[TestRun]) -> l
             judged[k] = replace(one, after=min(one.after, after))
     out: dict[str, tuple[float, Finding]] = {}
     for one in sorted(judged, key=lambda one: one.after):
-        best, finding = min(one.before, left(machine, c.recorded, one.undone)), one.finding
+        best, finding = one.before, one.finding
+        if one.removes(
+            MOST, best
+        ):  # what removes too little beside none removes less beside the nearest machine
+            best = min(best, left(machine(), c.recorded, one.undone))
         if one.removes(MOST, best):
             out.setdefault(finding.code, (best - one.after, finding))
         elif one.alike:

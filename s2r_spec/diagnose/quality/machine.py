@@ -6,8 +6,6 @@ the few effects that explain most, simulated, and the same again of what is left
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from s2r_spec.base.arrays import FloatArray
@@ -36,10 +34,11 @@ def nearest_machine(bench: Bench, c: Comparison, values: FloatArray) -> Comparis
         theta[chosen] += np.linalg.solve(inner, toward[chosen])
         machine = _machine(c, theta)
         runs = c.view.simulate(bench, [(machine, seed) for seed in range(SEEDS // 6)], c.tests)
-        left = replace(c, nominal=runs.mean(axis=0)).misfit(values) if np.isfinite(runs).all() else np.inf
+        mean = runs.mean(axis=0)
+        left = c.misfit(values - mean + c.nominal) if np.isfinite(mean).all() else np.inf
         if left >= best:
             break
-        best, nominal, likeliest = left, runs.mean(axis=0), machine
+        best, nominal, likeliest = left, mean, machine
     if not likeliest:
         return c
     seeds = affordable(bench, len(c.tests), SEEDS // 6, SEEDS)

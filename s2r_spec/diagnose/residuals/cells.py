@@ -131,8 +131,9 @@ def path(widths: Mapping[str, int], bench: Bench, trace: Trace, test: Test) -> F
 def cell_means(values: FloatArray, place: NDArray[np.intp], count: int) -> FloatArray:
     """Return (count,) means of (n,) values by their place; NaN where there is none."""
     there = np.isfinite(values)
-    counts = np.bincount(place[there], minlength=count)
-    sums = np.bincount(place[there], values[there], minlength=count)
+    if not there.all():
+        place, values = place[there], values[there]
+    counts, sums = np.bincount(place, minlength=count), np.bincount(place, values, minlength=count)
     return np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
 
 

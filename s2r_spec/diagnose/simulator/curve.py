@@ -147,3 +147,44 @@ class Turn(ResponseCurve):
         if not rows.size:
             return np.zeros((0, self.values.shape[1]))
         return np.asarray(np.linalg.lstsq(rows, self.values, rcond=None)[0])
+
+
+class Curves(tuple[ResponseCurve, ...]):
+    """The responses to K parameters. Their cubics are evaluated together, since each has few numbers."""
+
+    def at(self, theta: FloatArray) -> FloatArray:
+        """Return (K, m) the responses at (K,) coordinates."""
+        return np.asarray(self._both(theta)[0])
+
+    def slope(self, theta: FloatArray) -> FloatArray:
+        """Return (K, m) the derivatives at (K,) coordinates."""
+        return np.asarray(self._both(theta)[1])
+
+    def _both(self, theta: FloatArray) -> FloatArray:
+        """Return (2, K, m) the responses and the derivatives; those of the last call are kept for the next."""
+        if (key := theta.tobytes()) not in self._last:
+            coordinates, found = theta.tolist(), np.empty((2, len(self), self[0].values.shape[1]))
+            if cubics := self._together:
+                inside = [self[k]._inside(coordinates[k]) for k in cubics]
+                pieces = [self[k]._piece(x) for k, x in zip(cubics, inside, strict=True)]
+                c = np.array([self[k]._cubics[piece] for k, (piece, _) in zip(cubics, pieces, strict=True)])
+                s = np.array([behind for _, behind in pieces])[:, None]
+                slope = c[:, 1] + (2.0 * c[:, 2]) * s + (3.0 * c[:, 3]) * (s * s)
+                beyond = (theta[cubics] - inside)[:, None]
+                found[0, cubics] = (
+                    c[:, 0] + c[:, 1] * s + c[:, 2] * (s * s) + c[:, 3] * (s * s * s) + beyond * slope
+                )
+                found[1, cubics] = slope
+            for k in sorted({*range(len(self))} - {*cubics}):
+                found[:, k] = self[k].at(coordinates[k]), self[k].slope(coordinates[k])
+            self._last.clear()
+            self._last[key] = found
+        return self._last[key]
+
+    @cached_property
+    def _together(self) -> list[int]:
+        return [k for k, one in enumerate(self) if not isinstance(one, Turn) and one.coordinates.size > 1]
+
+    @cached_property
+    def _last(self) -> dict[bytes, FloatArray]:
+        return {}

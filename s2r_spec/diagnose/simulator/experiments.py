@@ -59,8 +59,9 @@ class Experiment:
 
     def with_residuals(self, trace: Trace, backend: Backend) -> Trace:
         """Return the trace with the residuals of a nominal simulator beside its channels."""
-        meta = dict(trace.meta) | ({PROTOCOL: self.protocol} if self.protocol else {})
-        return with_residuals(replace(trace, meta=meta), backend, dict(self.params))
+        if self.protocol:
+            trace = replace(trace, meta=dict(trace.meta) | {PROTOCOL: self.protocol})
+        return with_residuals(trace, backend, dict(self.params))
 
 
 def with_residuals(trace: Trace, backend: Backend, params: Mapping[str, float]) -> Trace:

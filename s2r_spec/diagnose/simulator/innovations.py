@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
@@ -68,7 +69,7 @@ class Predictor:
     whitening: FloatArray
     error: float
 
-    @property
+    @cached_property
     def places(self) -> NDArray[np.int64]:
         """(p,) places of its regressors among those of all columns."""
         return _places(self.inputs)

@@ -72,17 +72,17 @@ def library(
     """
     cache = Cache.usual() if cache is None else cache
     acts = _cached_parameters(backend, experiments, cache)
-    design = _Design.of(backend, effect_axes(catalogue_of(backend), acts))
+    axes = effect_axes(catalogue_of(backend), acts)
+    some, whole = (_Design.of(backend, axes, names) for names in ((), {axis.name for axis in axes}))
+    jobs = [job for experiment in experiments for job in whole.jobs(experiment)]
+    quick = backend.cost * sum(len(job.seeds) for job in jobs) < CHEAP
     tell = partial(progress, "simulating every effect")
-    designs = dict.fromkeys(experiments, design)
-    first = ResponseLibrary(design.parameters, _responses(backend, designs, executor, tell, cache))
+    designs = dict.fromkeys(experiments, whole if quick else some)
+    first = ResponseLibrary(some.parameters, _responses(backend, designs, executor, tell, cache))
+    if quick:
+        return first
     tell = partial(progress, "simulating small sizes")
-    every = {axis.name for axis in design.parameters}
-    jobs = [job for e in experiments for job in _Design.of(backend, design.parameters, every).jobs(e)]
-    if backend.cost * sum(len(job.seeds) for job in jobs) < CHEAP:
-        bent = frozenset(every)
-    else:
-        bent = curved(first, refined(backend, first, most_visible(first), executor, tell, cache))
+    bent = curved(first, refined(backend, first, most_visible(first), executor, tell, cache))
     if not bent:
         return first
     tell = partial(progress, "simulating all sizes of some effects")
@@ -102,12 +102,12 @@ def refined(
     Raises:
         BackendError: a worker dies.
     """
-    designs = {
-        experiment: _Design.of(
-            backend, first.parameters, {*names, *all_points(first.parameters, first.response(experiment))}
-        )
+    every = {
+        experiment: frozenset(names) | all_points(first.parameters, first.response(experiment))
         for experiment, names in wanted.items()
     }
+    made = {names: _Design.of(backend, first.parameters, names) for names in set(every.values())}
+    designs = {experiment: made[names] for experiment, names in every.items()}
     cache = Cache.usual() if cache is None else cache
     finer = _responses(backend, designs, executor, progress, cache)
     own = {one.experiment: one for one in (*first.responses, *finer)}
@@ -292,6 +292,7 @@ class _Design:
                 np.array([[float(own == name) for name in self.variants] for _, own in self.machines]),
                 np.array([rows[job][0] for job in self._practice_jobs()], dtype=float),
             ),
+            nominal,
         )
 
 
@@ -308,9 +309,9 @@ def _scatter(moved: FloatArray, groups: Sequence[ObservableGroup]) -> FloatArray
     An observable that a run lacks, since it ended early, scatters by as much as it moves.
     """
     variance = moved.var(axis=0, ddof=1)
-    variance = np.where(
-        np.isfinite(variance), variance, np.nan_to_num(np.nanmax(np.nan_to_num(moved) ** 2, axis=0))
-    )
+    there = np.isfinite(variance)
+    if not there.all():
+        variance = np.where(there, variance, np.nan_to_num(np.nanmax(np.nan_to_num(moved) ** 2, axis=0)))
     for group in groups:
         part = variance[group.start : group.stop]
         variance[group.start : group.stop] = 0.5 * (part + part.mean())
@@ -325,9 +326,12 @@ def simulated_rows(
     runs: int = 0,
 ) -> list[FloatArray]:
     """Return (runs, m) observables of every experiment with these effects; without a number, those of its response."""
+    number = [runs or replicates(one.experiment) for one in responses]
+    if not values and all(count <= len(one.runs) for one, count in zip(responses, number, strict=True)):
+        return [one.runs[:count] for one, count in zip(responses, number, strict=True)]
     wanted = {
-        (one.experiment, Job.of(values, runs or replicates(one.experiment))): (one.observables,)
-        for one in responses
+        (one.experiment, Job.of(values, count)): (one.observables,)
+        for one, count in zip(responses, number, strict=True)
     }
     rows = dict(each(backend, vectors, wanted, executor, f"ran backend {backend.name!r} with {values}"))
     return [rows[key].astype(float) for key in wanted]

@@ -129,7 +129,7 @@ class Observables:
         rows = [np.hstack([one.of(trace) for one in channels]) for trace in traces]
         return replace(observables, innovations=Innovations.of_nominal(rows))
 
-    @property
+    @cached_property
     def groups(self) -> tuple[ObservableGroup, ...]:
         """The groups of a vector, in its order."""
         groups, start = [], 0
@@ -143,15 +143,21 @@ class Observables:
         """The number m of observables."""
         return sum(size for _, _, size in self._layout)
 
-    @property
+    @cached_property
     def channels(self) -> list[ObservedQuantity]:
         """The quantities that are channels, of which the others are made."""
         return [quantity for quantity in self.quantities if not quantity.residual]
 
     def columns(self, quantity: ObservedQuantity) -> slice:
         """Return the columns of a channel among those of all channels."""
-        before = [one.scale.size for one in self.channels[: self.channels.index(quantity)]]
-        return slice(sum(before), sum(before) + quantity.scale.size)
+        return self._columns[quantity.name]
+
+    @cached_property
+    def _columns(self) -> dict[str, slice]:
+        ends = np.cumsum([one.scale.size for one in self.channels]).tolist()
+        return {
+            one.name: slice(end - one.scale.size, end) for one, end in zip(self.channels, ends, strict=True)
+        }
 
     def innovation_shift(self, trace: Trace, noise: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
         """Return channel → by how much white noise, of channel → (columns,) variance, moves its innovations."""
@@ -179,10 +185,9 @@ class Observables:
         times = trace.times - trace.times[0]
         wide = np.hstack(list(values.values()))
         edges = np.linspace(0.0, 1.0, BINS + 1) if self.clocked else np.array(WINDOWS)
-        rows = {
-            "bin" if self.clocked else "mean": _means(wide, times, self.duration * edges),
-            "ripple": _ripple(wide, times, self.duration),
-        }
+        rows = {"bin" if self.clocked else "mean": _means(wide, times, self.duration * edges)}
+        if any(statistic == "ripple" for _, statistic, _ in self._layout):
+            rows["ripple"] = _ripple(wide, times, self.duration)
         ends = np.cumsum([quantity.scale.size for quantity in self.quantities])
         own = {q.name: slice(end - q.scale.size, end) for q, end in zip(self.quantities, ends, strict=True)}
         forms = {name: _forms(values[name], times, self.duration) for name in self._factors}

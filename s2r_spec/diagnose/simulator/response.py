@@ -14,8 +14,9 @@ observables, K parameters, V variants, M practice machines.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,6 +79,7 @@ class Response:
         spread: (K, m) variance of the response from run to run, for a coordinate of 1; it grows with its square.
         variants: (V, m) responses to the simulator's variants.
         practice: runs of practice machines.
+        runs: (R, m) nominal runs, the first seed first; they need not be made again.
     """
 
     experiment: Experiment
@@ -89,6 +91,12 @@ class Response:
     spread: FloatArray
     variants: FloatArray
     practice: Practice
+    runs: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+
+    @cached_property
+    def calibrated(self) -> dict[tuple[object, ...], Any]:
+        """The calibrated observations without data, by the observables and the number of runs of their data."""
+        return {}
 
     def groups_of(self, measured: NDArray[np.bool_]) -> tuple[ObservableGroup, ...]:
         """Return the groups to use of (m,) observables that were measured.

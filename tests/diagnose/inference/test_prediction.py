@@ -14,7 +14,7 @@ from s2r_spec.diagnose.inference.hierarchical import DEGREES, LAW_SHARE
 from s2r_spec.diagnose.inference.observation import Observation
 from s2r_spec.diagnose.inference.prediction import SetPrior, bounded, fitted, weighted
 from s2r_spec.diagnose.inference.prior import BACKGROUND, UNNAMED, SizePrior
-from s2r_spec.diagnose.simulator.curve import ResponseCurve
+from s2r_spec.diagnose.simulator.curve import Curves, ResponseCurve
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.observables import Observables, ObservedQuantity
 from s2r_spec.diagnose.simulator.response import Dependence, Practice, Response
@@ -265,7 +265,7 @@ def test_the_order_of_tests_of_groups_and_of_parameters_changes_nothing():
         assert again[members].score == pytest.approx(first[members].score[order], abs=1e-6)
         assert swapped[members].theta == pytest.approx(first[members].theta, abs=1e-9)
         assert swapped[members].score == pytest.approx(first[members].score, abs=1e-6)
-    reverse = [replace(one, curves=one.curves[::-1]) for one in data]
+    reverse = [replace(one, curves=Curves(one.curves[::-1])) for one in data]
     other = candidates(reverse, sets=[tuple(3 - k for k in members[::-1]) for members in sets])
     for members in sets:
         one = other[tuple(3 - k for k in members[::-1])]

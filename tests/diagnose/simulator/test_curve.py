@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from s2r_spec.diagnose.simulator.curve import ResponseCurve, Turn
+from s2r_spec.diagnose.simulator.curve import Curves, ResponseCurve, Turn
 
 COORDINATES = np.array([-1.0, -0.3, 0.0, 0.3, 1.0, 2.0])
 
@@ -62,3 +62,19 @@ def test_an_angle_at_which_the_machine_fell_is_left_out():
     rest = np.delete(QUARTERS, 1)
     assert Turn(rest, ripple(rest)[:, :2]).at(-0.5) == pytest.approx(ripple(-0.5)[:2])
     assert Turn(np.zeros(1), np.zeros((1, 2))).at(0.3) == pytest.approx(np.zeros(2))
+
+
+def test_curves_together_are_each_alone():
+    random = np.random.default_rng(5)
+    ends, angles = np.array([-1.0, -0.2, 0.0, 0.5, 2.0]), np.array([-0.5, 0.0, 0.5, 1.0])
+    each = (
+        ResponseCurve(ends, random.normal(size=(5, 7))),
+        Turn(angles, random.normal(size=(4, 7))),
+        ResponseCurve(np.zeros(1), np.zeros((1, 7))),
+        ResponseCurve(ends[1:], random.normal(size=(4, 7))),
+    )
+    together = Curves(each)
+    for theta in 2.0 * random.normal(size=(20, 4)):
+        alone = [(one.at(x), one.slope(x)) for one, x in zip(each, theta.tolist(), strict=True)]
+        assert together.at(theta) == pytest.approx(np.array([at for at, _ in alone]), rel=1e-12)
+        assert together.slope(theta) == pytest.approx(np.array([slope for _, slope in alone]), rel=1e-12)

@@ -8,7 +8,7 @@ from s2r_cart import Cart
 
 from s2r_spec.diagnose.simulator.cache import Cache
 from s2r_spec.diagnose.simulator.experiments import Experiment
-from s2r_spec.diagnose.simulator.library import library
+from s2r_spec.diagnose.simulator.library import library, simulated_rows
 
 TEST = Experiment.test({"vd": 0.6, "acc": 2.5})
 
@@ -52,6 +52,14 @@ def test_the_library_is_read_from_the_cache(made, folder, monkeypatch):
         made.response(TEST).curves[0].values, rel=1e-6
     )
     assert again.response(TEST).observables.groups == made.response(TEST).observables.groups
+
+
+def test_nominal_runs_of_the_library_are_not_made_again(made, monkeypatch):
+    (rows,) = simulated_rows(Cart(), made.responses, {}, runs=3)
+    ran = [made.response(TEST).observables.vector(TEST.run(Cart(), 1000 + k)) for k in range(3)]
+    assert rows == pytest.approx(np.array(ran), rel=1e-6, abs=1e-6)
+    monkeypatch.setattr(Cart, "rollout", None)
+    assert (simulated_rows(Cart(), made.responses, {}, runs=3)[0] == rows).all()
 
 
 def test_a_declared_cost_changes_nothing(folder, made, monkeypatch):
