@@ -10,7 +10,7 @@ Units: sizes in typical sizes. Shapes: K parameters; of each test m observables,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,8 +30,6 @@ from s2r_spec.diagnose.simulator.response import ResponseLibrary, replicates
 from s2r_spec.trace import Trace
 from s2r_spec.workers.pools import ExecutorFactory
 
-ERRORS = 2.0
-"""Level: standard errors of paired differences from which on one set predicts better than another."""
 FEWEST = 5
 """Level: tests from which on predictions decide which effects there are."""
 ALONE, BESIDE, LARGEST_SET = 6, 3, 4
@@ -63,22 +61,6 @@ class Predicted:
     posterior: ModelPosterior
     candidates: Mapping[Set, Candidate]
     misfit: Misfit
-
-    def further(self, known: Collection[int]) -> Set:
-        """Return the large causes of the best set that are not known, if no set without them predicts as well.
-
-        A set predicts as well if the paired differences of the scores are below 2 standard errors of their sum.
-        """
-        best = max(self.candidates.values(), key=lambda one: float(one.score.sum()))
-        others = tuple(k for k in best.members if k not in known and abs(best.theta[k]) >= NAMED)
-        without = [
-            one.score
-            for one in self.candidates.values()
-            if all(k in known or abs(one.theta[k]) < NAMED for k in one.members)
-        ]
-        worse = min((best.score - score for score in without), key=lambda each: float(each.sum()))
-        error = float(np.sqrt(worse.size) * worse.std(ddof=1))
-        return others if float(worse.sum()) > ERRORS * error else ()
 
 
 def predicted(

@@ -13,7 +13,7 @@ the posterior mean of all. The better one counts. The first rule that holds deci
 | END | a named value is at the end of its range, and surely less than 80 % is closed | none of these |
 | MISTAKE | an effect is named, and a mistake of the recordings explains more | none of these |
 | ALIKE | an effect is named, and a mistake of the recordings explains as much | confounded |
-| RIVALS | an effect is named, and without further ones no set predicts left-out tests as well | confounded |
+| RIVALS | an effect is named, and more likely than not another one is large, too | confounded |
 | OPEN | an effect is named, and an allowed experiment would settle a possible one | confounded |
 | EFFECT | an effect is named | named |
 | EITHER | surely there is a cause, but it is not clear which | confounded |
@@ -92,7 +92,7 @@ class Evidence:
     Attributes:
         effects: estimate of every effect.
         any_cause: probability that some effect is at least a quarter of typical.
-        further: effects that are not named, without which no set predicts left-out tests as well.
+        further: possible effects, of which more likely than not one is at least a quarter of typical.
         misfit: what the most probable set leaves of the difference of the traces.
         separations: what other experiments would say about each possible effect.
         left: motion that no effect explains.

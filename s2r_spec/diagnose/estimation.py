@@ -13,7 +13,7 @@ Units: θ in typical sizes. Shapes: K parameters, G groups, n_p observables of e
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -165,14 +165,6 @@ def _misfit(
         for sizes in (nominal, theta)
     )
     return Misfit.of(data.observations, before, after)
-
-
-def further_effects(found: Estimate, named: Collection[str]) -> tuple[str, ...]:
-    """Return the effects that are not named, without which no set predicts left-out tests as well."""
-    axes = found.library.parameters
-    known = [k for k, axis in enumerate(axes) if axis.effect in named]
-    members = found.predicted.further(known) if found.predicted else ()
-    return tuple(dict.fromkeys(axes[k].effect for k in members))
 
 
 def _is_settled(modes: Mapping[Set, Estimate], members: Set) -> bool:

@@ -32,7 +32,7 @@ from s2r_spec.diagnose.data.space_filling import representative, star
 from s2r_spec.diagnose.data.split import TrainHeldOut, split
 from s2r_spec.diagnose.decision import Evidence
 from s2r_spec.diagnose.diagnosis import Diagnosis, Which
-from s2r_spec.diagnose.estimation import Estimate, estimate, further_effects
+from s2r_spec.diagnose.estimation import Estimate, estimate
 from s2r_spec.diagnose.experiment_design.identifiability import Candidate, InformationForecast, separations
 from s2r_spec.diagnose.experiment_design.next_test import next_test
 from s2r_spec.diagnose.falls import falls, falls_alone
@@ -46,6 +46,7 @@ from s2r_spec.diagnose.inference.estimates import (
     any_cause,
     by_effects,
     effect_estimates,
+    further_causes,
     mean_sizes,
     with_status,
 )
@@ -353,7 +354,7 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
     evidence = Evidence(
         sizes,
         any_cause(fitted.posterior),
-        further_effects(fitted, patch),
+        further_causes(fitted.posterior, sizes),
         fitted.misfit,
         separations(forecast, [one.effect for one in with_status(sizes, Status.POSSIBLE)], candidates),
         held_out_gap(bench, parts.held_out, parts.train.tests, patch, tuned, nominal, at_tests),

@@ -31,7 +31,7 @@ def reason(diagnosis: Diagnosis) -> str:
                 sentences.append(f"{others} may be there, too; one more experiment would settle it.")
             if diagnosis.rule is Rule.RIVALS:
                 others = join_names(diagnosis.evidence.further, "or")
-                sentences.append(f"A further cause is there, but the data do not tell which: {others}.")
+                sentences.append(f"There is probably a further cause: {others}.")
             sentences += _remainder(diagnosis)
         case Rule.EITHER:
             rivals = join_names([one.effect for one in which.possible], "or")

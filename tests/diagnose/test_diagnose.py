@@ -97,7 +97,7 @@ def test_a_healthy_machine_has_no_material_gap(find):
 
 
 def test_two_causes_are_named_together(find):
-    found = find(machine(coulomb=1.2, speed_scale=0.85), 16)
+    found = find(machine(coulomb=1.8, speed_scale=0.85), 16)
     assert found.verdict is Verdict.NAMED
     assert set(found.which.answer) == set(found.patch) == {"coulomb", "speed_scale"}
     one = estimate(found, "speed_scale")

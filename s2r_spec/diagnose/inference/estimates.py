@@ -160,10 +160,18 @@ def is_named(posterior: ModelPosterior) -> NDArray[np.bool_]:
     return (posterior.beyond(UNNAMED) >= SURE) & (posterior.beyond(NAMED) >= LIKELY)
 
 
-def any_cause(posterior: ModelPosterior) -> float:
-    """Return the probability that some effect is at least a quarter of typical."""
-    together = replace(posterior.prior, effect=np.zeros_like(posterior.prior.effect))
-    return float(replace(posterior, prior=together).beyond()[0])
+def any_cause(posterior: ModelPosterior, but: NDArray[np.bool_] | None = None) -> float:
+    """Return the probability that some effect is at least a quarter of typical, but for (E,) these."""
+    effect = posterior.prior.effect
+    together = np.zeros_like(effect) if but is None else np.where(but[effect], effect + 1, 0)
+    return float(replace(posterior, prior=replace(posterior.prior, effect=together)).beyond()[0])
+
+
+def further_causes(posterior: ModelPosterior, effects: Sequence[EffectEstimate]) -> tuple[str, ...]:
+    """Return the possible effects if, more likely than not, one without a name is at least a quarter of typical."""
+    if any_cause(posterior, is_named(posterior)) < LIKELY:
+        return ()
+    return tuple(one.effect for one in with_status(effects, Status.POSSIBLE))
 
 
 def mean_sizes(posterior: ModelPosterior) -> FloatArray:
