@@ -19,8 +19,7 @@ j has another shape in every kind κ of group: an error of ρ θ_j J_g,jj^½, of
 effects move this kind. Along a step D of sizes it adds the variance Q_D to the score, which has the variance J_D:
 
     Q_D = ρ² Σ_j θ_j² O_Dj²,   O_Dj² = Σ_κ (Σ_{g in κ} (J_g,DD J_g,jj)^½)²/r_κ,   J_D = Σ_g J_g,DD
-    r_κ = K²/Σ_jk C_κ,jk²,   C_κ: correlations of Σ_{g in κ} J_g, the effective rank of the effects' responses
-    ρ² ~ Inv-χ²(ν, ρ0²)
+    r_κ = K²/Σ_jk C_κ,jk²,   C_κ: correlations of Σ_{g in κ} J_g;   ρ² ~ Inv-χ²(ν, ρ0²)
 
 A better set has the score S more than a worse one, D apart. S = z²/2J_D, if z ~ N(0, J_D) is the score of the worse
 set along D. With errors of its laws z has the variance J_D + Q_D, so with q = Q_D/J_D this much is left of S:
@@ -44,8 +43,8 @@ leave no residual.
 
 Units: θ in typical sizes; s dimensionless; ℓ in nats. Shapes: T tests, G groups of all tests, K parameters.
 Source: Vehtari, Gelman & Gabry, *Statistics and Computing* 27 (2017) 1413 (leave-one-out); Yao, Vehtari, Simpson &
-Gelman, *Bayesian Analysis* 13 (2018) 917 (weights); Roy & Vetterli, *EUSIPCO* (2007) 606 (effective rank); Efron &
-Tibshirani, *An Introduction to the Bootstrap* (1993), ch. 11.
+Gelman, *Bayesian Analysis* 13 (2018) 917 (weights); Bretherton et al., *Journal of Climate* 12 (1999) 1990 (r_κ);
+Efron & Tibshirani, *An Introduction to the Bootstrap* (1993), ch. 11.
 """
 
 from __future__ import annotations
