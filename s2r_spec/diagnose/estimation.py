@@ -93,24 +93,10 @@ def estimate(
     Raises:
         UsageError: there is no run, an experiment is not in the library, or no run has a channel of the simulator.
     """
-    responses = {each.experiment: each for each in library.responses}
-    for experiment in traces:
-        if experiment not in responses:
-            have = one_of(sorted({one.protocol or "other tests" for one in responses}))
-            raise UsageError(f"the response library has no {experiment}; it has {have}")
-    seen = {e: [e.with_residuals(run, backend) for run in runs] for e, runs in traces.items() if runs}
-    observations = []
-    for experiment, runs in seen.items():
-        own = responses[experiment]
-        vectors = [own.observables.vector(run) for run in runs]
-        observations.append(Observation.of(own, vectors, library.dependence))
-    if not any(one.parts for one in observations):
-        raise UsageError(
-            "no run has a channel that the simulator has, too, so no size can be estimated; add such runs"
-        )
+    seen = _seen(backend, library, traces)
+    problem = _problem(library, seen)
     corrected = partial(_corrected, backend, library, executor)
-    prior = size_prior(library)
-    problem = Problem(tuple(observations), prior)
+    prior = problem.prior
     joint = _joint_fit(library, problem)
     first = posterior(joint.likelihood, joint.theta, prior)
     if refine is not None and (finer := refine(*moments(first))) is not None:
@@ -144,6 +130,32 @@ def estimate(
         total = over_modes(modes)
     misfit = _misfit(backend, library, executor, seen, moments(total)[0]) if corrections else None
     return replace(modes[nearest_mode(modes, total.sets[0])], posterior=total, misfit=misfit)
+
+
+def _seen(
+    backend: Backend, library: ResponseLibrary, traces: Mapping[Experiment, Sequence[Trace]]
+) -> dict[Experiment, list[Trace]]:
+    """Return experiment → real runs with their residuals; each experiment must be in the library."""
+    known = {one.experiment for one in library.responses}
+    for experiment in traces:
+        if experiment not in known:
+            have = one_of(sorted({one.protocol or "other tests" for one in known}))
+            raise UsageError(f"the response library has no {experiment}; it has {have}")
+    return {e: [e.with_residuals(run, backend) for run in runs] for e, runs in traces.items() if runs}
+
+
+def _problem(library: ResponseLibrary, seen: Mapping[Experiment, Sequence[Trace]]) -> Problem:
+    """Return the data and the prior; some run must have a channel of the simulator."""
+    observations = []
+    for experiment, runs in seen.items():
+        own = library.response(experiment)
+        vectors = [own.observables.vector(run) for run in runs]
+        observations.append(Observation.of(own, vectors, library.dependence))
+    if not any(one.parts for one in observations):
+        raise UsageError(
+            "no run has a channel that the simulator has, too, so no size can be estimated; add such runs"
+        )
+    return Problem(tuple(observations), size_prior(library))
 
 
 def _misfit(

@@ -140,14 +140,10 @@ def diagnose(
     kept = Cache.usual() if cache is None else Cache(as_folder(cache))
     folder = None if folder is None else as_folder(folder)
     bench = Bench.of(spec, spec.requirements[0] if requirement is None else requirement, sim)
-    real = load_backend(real) if isinstance(real, str) else real
-    refuse_machine(real)
+    refuse_machine(real := load_backend(real) if isinstance(real, str) else real)
     if isinstance(real, Backend):
         real = adapt_to_spec(real, spec, bench.requirement)
-    if folder is not None and (recorded_seed := CampaignJournal.seed_in(folder)) is not None:
-        seed = inherited_seed(folder, recorded_seed, seed)
-    seed = NEW_SEED if seed is None else seed
-    tell = Watched(progress or (lambda stage, done, of: None))
+    seed, tell = _seed_of(folder, seed), Watched(progress or (lambda stage, done, of: None))
     pooled = bench.backend.cost > HERE and travels(bench)
     with keep_open(executor if pooled else None) as pool, tell.watching():
         work = _Work(replace(bench, pool=pool), seed, tell, kept)
@@ -162,6 +158,13 @@ def diagnose(
         else:
             diagnosis = _answer(work, data or _recordings(work, rollouts, protocols, passive), where)
     return replace(diagnosis, notes=(*diagnosis.notes, *dict.fromkeys(kept.notes)), spec=spec, real=called)
+
+
+def _seed_of(folder: Path | None, seed: int | None) -> int:
+    """Return the seed of the campaign in a folder, or that of a new one."""
+    if folder is not None and (recorded := CampaignJournal.seed_in(folder)) is not None:
+        seed = inherited_seed(folder, recorded, seed)
+    return NEW_SEED if seed is None else seed
 
 
 def _refuse_memory(bench: Bench, seed: int) -> None:

@@ -332,13 +332,8 @@ def search(
     rows = np.eye(len(rests)) if weights is None else weights(size)
     values = c.nominal + c.floor * np.einsum("p,pntc->ntc", on @ rows, rests)
     price = 0.0 if prices is None else float(prices(size) @ on[1:])
-    yield Undone(
-        size,
-        ChannelGroup(name for name, one in zip(names, on[1:], strict=True) if one),
-        values,
-        observed,
-        price,
-    )
+    group = ChannelGroup(name for name, one in zip(names, on[1:], strict=True) if one)
+    yield Undone(size, group, values, observed, price)
 
 
 def _grown(products: FloatArray, on: FloatArray, empty: bool) -> tuple[float, FloatArray]:
