@@ -25,7 +25,7 @@ def test_the_page_has_the_scores_of_development_cases():
         "effects below 0.125 that are not named": "must not be named, and are not",
         "machines with a false name": "machines with a false name",
         "exit code 0, and something large is missing or false": "exit 0, and something large is missing or false",
-        "sizes of at least 0.25 in their 90 % intervals": "large sizes in the 90 % interval",
+        "large sizes in their 90 % intervals": "large sizes in the 90 % interval",
         "unknown causes called *none of these*": "unknown: none of these",
     }.items():
         assert rows[words] == [one[key] for one in scores]
