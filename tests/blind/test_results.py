@@ -33,6 +33,20 @@ def test_the_page_has_the_scores_of_development_cases():
     assert rows["rms error of a size, median over effects"] == [f"{one[error]:.3f}" for one in scores]
 
 
+def test_the_page_has_the_ablation_of_the_error_model():
+    kept = json.loads((ROOT / "benchmarks" / "results" / "ablation.json").read_text())
+    page = (ROOT / "docs" / "explanation" / "diagnosis.md").read_text()
+    assert f"| of {kept['cases'] * len(kept['machines'])} machines |" in page
+    keys = (
+        "must be named, and are",
+        "machines with a false name",
+        "large sizes in the 90 % interval",
+    )
+    for name, row in kept["rows"].items():
+        cells = " | ".join([*(row[key] for key in keys), f"{row['log score, known and healthy']:.2f}"])
+        assert f"| {name} | {cells} |" in page
+
+
 def test_the_page_has_the_figures_of_the_calibration():
     score = json.loads((ROOT / "benchmarks" / "results" / "diagnosis_calibration.json").read_text())["all"]
     page = (ROOT / "docs" / "explanation" / "diagnosis.md").read_text()
