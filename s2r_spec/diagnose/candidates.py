@@ -43,12 +43,12 @@ GRID = 17
 """Budget: sizes at which a proposal compares the library with the tests, beside those of the library."""
 
 NEAR = 0.05
-"""Tolerance: a finalist runs again where its estimate is farther from its runs, in typical sizes."""
+"""Tolerance: a rival runs again where its estimate is farther from its runs, in typical sizes."""
 SECONDS, MOST = 1.0, 8
-"""Budget: declared time of all runs at the finalists [s], as far as it allows more runs of a test than the library has;
-most runs of a test, as many as there are nominal ones."""
+"""Budget: declared time of all runs at the best set and its rivals [s], as far as it allows more runs of a test than
+the library has; most runs of a test, as many as there are nominal ones."""
 SIMULATED = 12
-"""Definition: sizes at which the simulator runs for the finalists, about: two for each."""
+"""Budget: sizes at which the simulator runs for the best set and its rivals: two for each, and a few more."""
 
 Simulate = Callable[[FloatArray, int], "list[FloatArray]"]
 """Returns (R, m) observables of the simulator's runs of every test at (K,) sizes; 0 runs mean those of the library."""
@@ -96,7 +96,7 @@ def predicted(
     search.run(proposed)
     often = int(SECONDS / (max(float(backend.cost), 1e-4) * len(responses) * SIMULATED))
     if min(often, MOST) > max(replicates(one.experiment) for one in responses):
-        search.run_finalists(min(often, MOST))
+        search.run_rivals(min(often, MOST))
     posterior = weighted(search.found, prior)
     left = Misfit.of(data.observations, search.before, search.found[posterior.sets[0]].energy)
     return Predicted(posterior, search.found, left)
@@ -149,7 +149,7 @@ class _Search:
             if members in self.near and self.shown(members):
                 self.compare(members)
 
-    def run_finalists(self, runs: int) -> None:
+    def run_rivals(self, runs: int) -> None:
         """Compare the best set and its rivals again with so many runs of every test, which scatter less."""
         first = self.found
         best = {self.shown(members): members for members in reversed(self.best_and_rivals())}

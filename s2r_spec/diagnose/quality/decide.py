@@ -110,9 +110,8 @@ def find_suspects(bench: Bench, c: Comparison, rollouts: Sequence[TestRun]) -> l
     out: dict[str, tuple[float, Finding]] = {}
     for one in sorted(judged, key=lambda one: one.after):
         best, finding = one.before, one.finding
-        if one.removes(
-            MOST, best
-        ):  # what removes too little beside none removes less beside the nearest machine
+        # What removes too little beside no effects removes less beside the nearest machine.
+        if one.removes(MOST, best):
             best = min(best, left(machine(), c.recorded, one.undone))
         if one.removes(MOST, best):
             out.setdefault(finding.code, (best - one.after, finding))
