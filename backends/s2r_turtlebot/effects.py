@@ -53,9 +53,7 @@ class Physics:
     uneven: float = 0.0  # share by which the right wheel travels farther, and the left one less
     axle: float = 1.0  # length, over that of the drawing
     slip: float = 0.0  # loss of turning rate with speed [s/m]
-    wheel: float = (
-        0.0  # 0: with the robot's speed; 1: with the mean speed of its wheels, which turn on the spot, too
-    )
+    wheel: float = 0.0  # 0: with the robot's speed; 1: with the mean speed of its wheels, also on the spot
     power: float = 0.0  # 0: in proportion to speed; 1: to its square, with the same loss at :data:`_CRUISE`
 
     def look(self, x: Any, y: Any, heading: Any) -> tuple[Any, Any, Any]:
