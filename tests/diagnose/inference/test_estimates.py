@@ -13,7 +13,9 @@ from s2r_spec.diagnose.inference.estimates import (
     any_cause,
     by_effects,
     effect_estimates,
+    further_causes,
     hidden_names,
+    is_named,
     mean_sizes,
     with_status,
 )
@@ -140,6 +142,17 @@ def test_that_some_effect_is_there_may_be_sure_although_none_is_named():
     assert by_effects(either, LINES) == ((("friction",), 0.5), (("payload",), 0.5))
     nothing = posterior([()], [1.0], [[0.0] * 4], [[0.04] * 4])
     assert any_cause(nothing) < 1e-6
+
+
+@pytest.mark.parametrize(("each", "further"), [(0.2, ()), (0.3, ("motor", "payload"))])
+def test_a_further_cause_may_be_likely_although_no_single_one_is(each, further):
+    """Friction is there in every set; beside it may be the motor or the payload, and never both."""
+    sizes = [[0.6, 0, 0, 0], [0.6, 0.6, 0, 0], [0.6, 0, 0.6, 0]]
+    found = posterior([(0,), (0, 1), (0, 2)], [1.0 - 2.0 * each, each, each], sizes, [[0.04] * 4] * 3)
+    effects = effect_estimates(found, SEEN, LINES, FAMILIES)
+    assert [one.effect for one in effects if one.status is Status.NAMED] == ["friction"]
+    assert any_cause(found, is_named(found)) == pytest.approx(2.0 * each, abs=1e-6)
+    assert set(further_causes(found, effects)) == set(further)
 
 
 def test_the_mean_is_over_sets_and_within_the_range():
