@@ -25,7 +25,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.blind.development import MACHINES, Scored, axes, generate, scores, simulator
+from benchmarks.blind.development import MACHINES, axes, generate, simulator
+from benchmarks.blind.scoring import Scored, scores
 from benchmarks.machine import describe
 from s2r_spec.backend import load_backend
 from s2r_spec.diagnose import diagnose

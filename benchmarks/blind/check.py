@@ -5,9 +5,9 @@
     python -m benchmarks.blind.check open emps --folder /tmp/blind
 
 The first makes twins with withheld causes (another code path than the catalogue's,
-seeded by the operating system), seals their labels, diagnoses every case and keeps
-the manifest of the answers in ``results/<set>_manifest.json``. The second holds
-everything against the manifest, opens the labels and keeps the scores and every
+seeded by the operating system), seals their labels, diagnoses every case from its logs
+and keeps the manifest of the answers in ``results/<set>_manifest.json``. The second
+holds everything against the manifest, opens the labels and keeps the scores and every
 case's answer in ``results/<set>_scores.json``. Nothing here was measured on a robot.
 """
 
@@ -21,10 +21,10 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Any
 
+from benchmarks.blind.development import axes
 from benchmarks.blind.outsiders.generate import MACHINES as OUTSIDERS
-from benchmarks.machine import describe
+from benchmarks.blind.scoring import Scored, scores
 
 ROOT = Path(__file__).parents[2]
 RESULTS = Path(__file__).parent / "results"
@@ -100,53 +100,26 @@ def committed(manifest: Path) -> None:
             raise SystemExit(f"{manifest} is not committed, or has changed since: commit it, then open")
 
 
-def kept(answers: Path) -> dict[str, dict[str, Any]]:
-    """Return of every opened case what is kept of it: its label and its frozen answer."""
-    cases = {}
-    for case, label in json.loads((answers / "opened.json").read_text())["labels"].items():
-        answer = json.loads((answers / f"{case}.json").read_text())
-        which = answer["which"]
-        cases[case] = {
-            "label": label,
-            "verdict": answer["verdict"],
-            "answer": which["answer"],
-            "set": which["set"],
-            "posterior": {k: p for k, p in which["posterior"].items() if p >= 0.05},
-            "pairs": which["pairs"][:3],
-            "parameters": which["parameters"],
-            "status": which.get("status"),
-            "how_far": answer["how_far"],
-            "left": answer.get("left", [])[:1],
-            "rollouts": answer["rollouts"],
-        }
-    return cases
-
-
 def open_(name: str, folder: Path) -> None:
     committed(RESULTS / f"{name}_manifest.json")
     answers = folder / f"{name}-answers"
-    opening = (
-        "open",
-        folder / name / "public",
-        "--keys",
-        folder / f"{name}-keys",
-        "--answers",
-        answers,
-    )
     if not (answers / "opened.json").exists():
+        opening = ("open", folder / name / "public", "--keys", folder / f"{name}-keys", "--answers", answers)
         print(run(name, "benchmarks.blind.protocol", *opening))
-    scores = json.loads(run(name, "benchmarks.blind.protocol", "score", answers, "--json"))
     opened = json.loads((answers / "opened.json").read_text())
-    cases = kept(answers)
+    machine = {"emps": "axis"}.get(name, name)
+    cases = [
+        Scored(case, label, json.loads((answers / f"{case}.json").read_text()), axes(machine))
+        for case, label in sorted(opened["labels"].items())
+    ]
     found = {
-        "machine": describe("scipy"),
         "frozen": opened["frozen"],
         "opened": opened["opened"],
-        "scores": scores,
-        "cases": cases,
+        "scores": scores(cases),
+        "cases": {one.name: one.to_json() for one in cases},
     }
     (RESULTS / f"{name}_scores.json").write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n")
-    print(run(name, "benchmarks.blind.protocol", "score", answers))
+    print(json.dumps(found["scores"], indent=1, ensure_ascii=False))
 
 
 def main() -> None:

@@ -24,9 +24,10 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
-from benchmarks.blind.development import MUST_NOT, RESULTS, axes, code_hash, simulator
+from benchmarks.blind.development import RESULTS, axes, code_hash, simulator
 from benchmarks.blind.emps.cases import plan, realise
 from benchmarks.blind.outsiders.cases import make_case
+from benchmarks.blind.scoring import MUST_NOT
 from benchmarks.blind.turtlebot import machine as turtlebot
 from s2r_spec.backend import Channel, load_backend
 from s2r_spec.diagnose import diagnose
@@ -286,7 +287,7 @@ def answer(machine: str, seed: int, number: int, code: str, cache: Path | None) 
 
 def absent(machine: str, label: Mapping[str, Any], name: str) -> bool:
     """Return whether a machine has less of an effect than may be named."""
-    values, axis = {**label["background"], **label["effects"]}, axes(machine)[name]
+    values, (axis, *_) = {**label["background"], **label["effects"]}, axes(machine)[name]
     return name not in values or abs(axis.coordinate(values[name][axis.parameter])) < MUST_NOT
 
 

@@ -2,7 +2,7 @@
 
     python -m benchmarks.blind.others FOLDER [--machines t05 e03] [--cache FOLDER]
 
-Truth is by size, as in :mod:`.development`. An author has names of his own for the numbers of a machine.
+Truth is by size, as in :mod:`.scoring`. An author has names of his own for the numbers of a machine.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from benchmarks.blind.development import ROOT, Scored, axes, scores
+from benchmarks.blind.development import ROOT, axes
+from benchmarks.blind.scoring import MUST, Axes, Scored, scores
 from s2r_spec.diagnose import diagnose
 
 SPECS = {"emps": "emps_tracking", "turtlebot": "turtlebot"}
@@ -43,15 +44,15 @@ def label(machine: Mapping[str, Any]) -> dict[str, Any]:
     effects = {}
     for effect, number in NUMBERS[backend].items():
         value = float(values[number]) - (LOADED if (backend, effect) == ("emps", "mass") else 0.0)
-        effects[effect] = {axes_of(backend)[effect].parameter: value}
+        effects[effect] = {axes_of(backend)[effect][0].parameter: value}
     unknown = "NOT in" in machine["truth"]
-    large = [e for e, own in effects.items() if abs(axes_of(backend)[e].coordinate(*own.values())) >= 0.25]
+    large = [e for e, own in effects.items() if abs(axes_of(backend)[e][0].coordinate(*own.values())) >= MUST]
     kind = "unknown" if unknown else ("null", "single", "pair", "triple")[min(len(large), 3)]
     return {"kind": kind, "effects": {e: effects[e] for e in large}, "background": effects}
 
 
-def axes_of(backend: str) -> Mapping[str, Any]:
-    """Return effect → axis of its first parameter."""
+def axes_of(backend: str) -> Axes:
+    """Return effect → axes of the parameters that act alone."""
     return axes("axis" if backend == "emps" else backend)
 
 

@@ -30,8 +30,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.blind.development import MUST, simulator
+from benchmarks.blind.development import simulator
 from benchmarks.blind.outsiders.generate import MACHINES as OUTSIDERS
+from benchmarks.blind.scoring import MUST
 from benchmarks.rows import add_arguments, resumed
 from s2r_spec.diagnose.data.rollouts import as_experiment
 from s2r_spec.diagnose.data.space_filling import star

@@ -1,4 +1,4 @@
-"""``python -m benchmarks.blind.protocol``: a set of two machines from its sealing to its score."""
+"""``python -m benchmarks.blind.protocol``: a set of two machines from its sealing to its labels."""
 
 import csv
 import json
@@ -66,7 +66,7 @@ def made(tmp_path, toy, monkeypatch, cache):
 
 
 @pytest.mark.slow  # the same steps without the command line are in tests/blind/test_blind.py
-def test_a_set_from_its_sealing_to_its_score(made):
+def test_a_set_from_its_sealing_to_its_labels(made):
     seal = ("seal", "public", "--labels", "labels", "--keys", "keys")
     freeze = ("freeze", "public", "--answers", "answers", "--sim", "cart", "--workers", 1, "-q")
     open_ = ("open", "public", "--keys", "keys", "--answers", "answers")
@@ -84,10 +84,13 @@ def test_a_set_from_its_sealing_to_its_score(made):
     assert not list((made.folder / "answers").glob("opened*"))  # and nothing has left the keys
     path.write_text(answer)
     assert made(*open_, code=0).stdout == "2 labels opened into answers\n"
-    scores = json.loads(made("score", "answers", "--json", code=0).stdout)
-    assert (scores["top-1, single effects"]["hits"], scores["top-1, single effects"]["of"]) == (2, 2)
-    printed = made("score", "answers", code=0).stdout
-    assert "2 of 2" in next(line for line in printed.splitlines() if line.startswith("top-1, single effects"))
+    answers = made.folder / "answers"
+    assert json.loads((answers / "opened.json").read_text())["labels"]["a"]["effects"] == {
+        "viscous": {"coefficient": 2.5}
+    }
+    assert [json.loads((answers / f"{name}.json").read_text())["which"]["answer"] for name in WITHHELD] == [
+        [name] for each in WITHHELD.values() for name in each
+    ]
 
 
 def test_it_is_no_command_of_the_users(made):

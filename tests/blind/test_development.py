@@ -6,7 +6,8 @@ from dataclasses import replace
 import pytest
 
 from benchmarks.blind import development
-from benchmarks.blind.development import Scored, generate, paired, scores
+from benchmarks.blind.development import generate
+from benchmarks.blind.scoring import Scored, paired, scores
 from s2r_spec.backend import Effect, EffectParameter
 from s2r_spec.diagnose.simulator.axes import effect_axis
 
@@ -16,7 +17,7 @@ def effect(name):
     return Effect(name, "friction", "", (EffectParameter("x", "N", -4.0, 4.0, 0.0, "normal, 1 N"),))
 
 
-AXES = {name: effect_axis(effect(name), effect(name).parameters[0]) for name in ("drag", "mass", "lag")}
+AXES = {name: (effect_axis(effect(name), effect(name).parameters[0]),) for name in ("drag", "mass", "lag")}
 
 
 def case(truth, answer, kind="single", verdict="named", p=1.0, **values):
@@ -55,6 +56,22 @@ def test_sizes_count_in_typical_sizes_with_the_background():
     assert found["sizes"] == 3
     assert found["size error by effect"] == {"drag": 0.0, "lag": 0.05, "mass": 0.15}
     assert found["in the 90 % interval"] == pytest.approx(2 / 3, abs=1e-4)
+
+
+def test_the_size_of_an_effect_is_that_of_its_largest_parameter():
+    two = Effect(
+        "bias", "sensing", "", tuple(EffectParameter(x, "N", -4.0, 4.0, 0.0, "normal, 1 N") for x in "xy")
+    )
+    label = {"kind": "single", "effects": {"bias": {"x": -0.2, "y": 1.0}}}
+    which = {
+        "answer": ["bias"], "posterior": {"bias": 1.0}, "pairs": [], "set": ["bias"],
+        "parameters": {"bias": {x: {"estimate": 0.0, "low": -0.4, "high": 0.4} for x in "xy"}},
+    }  # fmt: skip
+    axes = {"bias": tuple(effect_axis(two, one) for one in two.parameters)}
+    one = Scored("case-000", label, {"verdict": "named", "which": which}, axes)
+    assert one.sizes == {"bias": 0.5}
+    assert one.by_size
+    assert one.estimates == {"bias.x": (-0.1, 0.0, -0.2, 0.2), "bias.y": (0.5, 0.0, -0.2, 0.2)}
 
 
 def test_an_unknown_cause_counts_by_the_verdict_and_by_what_is_named():

@@ -19,7 +19,6 @@ from benchmarks.blind.emps.generate import write_case
 from benchmarks.blind.outsiders import cases as outsiders
 from benchmarks.blind.outsiders.cases import SIZES, Case, drawn_tests, make_case, stratified
 from benchmarks.blind.outsiders.generate import main
-from benchmarks.blind.protocol.score import score
 from benchmarks.blind.quad import machine as quad
 from benchmarks.blind.segway import machine as segway
 from s2r_spec import load_backend, load_spec
@@ -176,24 +175,6 @@ def test_labels_have_what_scoring_needs(name, cases):
         for effect, values in label["effects"].items():
             assert list(values) == [group[effect].parameter]
             assert values[group[effect].parameter] != group[effect].nominal
-    names = [cause.name for cause in machine.KNOWN]
-    flat = {effect: 1.0 / (len(names) + 2) for effect in ("none", "unknown", *names)}
-    answer = {
-        "verdict": "no material gap",
-        "which": {
-            "posterior": flat,
-            "pairs": [],
-            "membership": {effect: flat[effect] for effect in names},
-            "set": [],
-            "answer": [],
-            "isolability": {"effects": [], "sigma": [], "apart": 3.0},
-            "parameters": {},
-        },
-        "how_far": None,
-    }
-    scores = score([(case.label, answer) for case in cases(name).values()])
-    assert scores["cases"] == len(KINDS)
-    assert scores["unknown detected, all"]["of"] == 1
 
 
 @pytest.mark.parametrize(

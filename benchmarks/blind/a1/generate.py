@@ -4,7 +4,8 @@ Run: OMP_NUM_THREADS=1 python -m benchmarks.blind.a1.generate --cases 200 --out 
 
 FOLDER/public/<id>/ is a folder of recorded rollouts with its spec, for ``s2r``;
 FOLDER/sealed/<id>.json is its label, and FOLDER/sealed/<id>/ further rollouts
-for scoring. Without --seed nobody, not even the author of this file, knows the
+for scoring. All cases have the same tests, so a diagnosis of one keeps what the next
+needs of the simulator. Without --seed nobody, not even the author of this file, knows the
 set before it is opened. Samples are stored as 32-bit floats, times as 64-bit.
 Nothing here was measured on a robot.
 """
@@ -24,10 +25,10 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.blind.a1.cases import MIX, SPEC, Case, CaseKind, make_case
+from benchmarks.blind.a1.cases import MIX, SPEC, Case, CaseKind, make_case, tests
 from s2r_spec.trace import Trace
 
-BUDGETS = (20, 30, 60)
+ROLLOUTS = 30
 HELD_OUT = 20
 
 
@@ -72,11 +73,13 @@ def write_case(out: Path, name: str, case: Case) -> None:
     (sealed / f"{name}.json").write_text(json.dumps({"id": name} | case.label, indent=1) + "\n")
 
 
-def one(out: Path, seed: int, number: int, kind: CaseKind, budget: int, held_out: int) -> tuple[int, int]:
+def one(
+    out: Path, seed: int, number: int, kind: CaseKind, commands: Sequence[float], held_out: int
+) -> tuple[int, int]:
     """Make and write one case; return how many rollouts it has, and how many of them fell."""
     rng = np.random.default_rng([seed, number])
     name = rng.bytes(6).hex()
-    case = make_case(rng, kind, budget, held_out)
+    case = make_case(rng, kind, len(commands), held_out, commands)
     write_case(out, name, case)
     runs = case.rollouts + case.held_out
     return len(runs), sum(trace.failure is not None for _, trace in runs)
@@ -88,7 +91,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, help="seed of a set that can be made again; random by default")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument("--budget", type=int, help="rollouts of every case; by default 20, 30 or 60")
+    parser.add_argument("--rollouts", type=int, default=ROLLOUTS, help="of every case, at the same tests")
     parser.add_argument("--held-out", type=int, default=HELD_OUT, help="rollouts for scoring alone")
     asked = parser.parse_args()
     if asked.out.exists() and any(asked.out.iterdir()):
@@ -96,12 +99,9 @@ def main() -> None:
     seed = secrets.randbits(128) if asked.seed is None else asked.seed
     rng = np.random.default_rng([seed, 10**9])
     kinds = plan(asked.cases, rng)
-    budgets = [asked.budget or int(rng.choice(BUDGETS, p=(0.3, 0.5, 0.2))) for _ in kinds]
+    commands = tests(rng, asked.rollouts)
     start = time.monotonic()
-    rows = [
-        (asked.out, seed, number, kind, budget, asked.held_out)
-        for number, (kind, budget) in enumerate(zip(kinds, budgets, strict=True))
-    ]
+    rows = [(asked.out, seed, number, kind, commands, asked.held_out) for number, kind in enumerate(kinds)]
     with ProcessPoolExecutor(asked.workers, mp_context=get_context("spawn")) as pool:
         made = list(pool.map(one, *zip(*rows, strict=True)))
     runs, falls = np.sum(made, axis=0).tolist()

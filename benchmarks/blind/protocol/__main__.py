@@ -1,20 +1,20 @@
-"""``python -m benchmarks.blind.protocol seal|freeze|open|score``: a blinded test of the diagnosis."""
+"""``python -m benchmarks.blind.protocol seal|freeze|open``: a blinded test of the diagnosis."""
 
 from __future__ import annotations
 
-import json
+import time
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from s2r_spec.cli import main
-from s2r_spec.cli.options.search import AsJson, Quiet, Scheduler, Seed, Simulator, Workers
+from s2r_spec.cli.options.search import Quiet, Scheduler, Seed, Simulator, Workers
 from s2r_spec.cli.terminal.common import pool, sentences
-from s2r_spec.cli.terminal.terminal import console, print_json, say
+from s2r_spec.cli.terminal.terminal import console, say
 
 app = typer.Typer(
-    help="A blinded test of the diagnosis: seal labels, freeze the answers, open the labels, score.",
+    help="A blinded test of the diagnosis: seal labels, freeze the answers, open the labels.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -51,7 +51,7 @@ def freeze(
     scheduler: Scheduler = None,
     quiet: Quiet = False,
 ) -> None:
-    """Diagnose every case of a sealed set, and fix the answers with one hash. Existing answers are kept."""
+    """Diagnose every case of a sealed set from its logs, and fix the answers with one hash; answers there are kept."""
     with sentences():
         from benchmarks.blind.protocol.freeze import freeze as fix
         from s2r_spec.backend import load_backend
@@ -66,15 +66,18 @@ def freeze(
         with Stages(errors, quiet) as stages:
 
             def answer(case: Path) -> dict[str, object]:
-                spec = load_spec(case / "spec.stl")
-                return diagnose(
-                    spec,
+                began = time.process_time()
+                found = diagnose(
+                    load_spec(case / "spec.stl"),
                     sim,
                     LogBackend(str(case)),
                     seed=seed,
                     executor=executor,
                     progress=stages,
+                    where=False,
+                    passive=True,
                 ).to_json()
+                return {**found, "seconds": time.process_time() - began}
 
             source = source_of(type(load_backend(sim)))
             digest = fix(public, answers, answer, lambda name, done, of: stages("cases", done, of), source)
@@ -88,32 +91,6 @@ def open_(public: Public, keys: Keys, answers: Answers) -> None:
         from benchmarks.blind.protocol.unseal import unseal
 
         say(f"{len(unseal(public, keys, answers))} labels opened into {answers}")
-
-
-@app.command()
-def score(
-    answers: Annotated[Path, typer.Argument(help="Folder of the answers.", show_default=False)],
-    as_json: AsJson = False,
-) -> None:
-    """Score frozen answers against the opened labels."""
-    with sentences(as_json):
-        from benchmarks.blind.protocol.score import load
-        from benchmarks.blind.protocol.score import score as rate
-
-        found = rate(load(answers))
-        if as_json:
-            print_json(json.dumps(found, indent=2, ensure_ascii=False, allow_nan=False))
-            return
-        for name, value in found.items():
-            if isinstance(value, dict) and "hits" in value:
-                share = "-" if value["rate"] is None else f"{value['rate']:.3f}"
-                say(
-                    f"{name:40} {share:>6}  [{value['low']:.3f}, {value['high']:.3f}]  {value['hits']} of {value['of']}"
-                )
-            elif not isinstance(value, dict):
-                say(f"{name:40} {'-' if value is None else value:>6}")
-            elif name.startswith("shrink"):
-                say(f"{name:40} {value}")
 
 
 if __name__ == "__main__":
