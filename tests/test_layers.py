@@ -43,6 +43,7 @@ ROBOT_LAYERS = [
     {"parameters"},
     {"channels", "failure"},
     {"rollout"},
+    {"effects"},
     {"drive", "observation", "start"},
     {"law", "plan"},
     {"joints"},

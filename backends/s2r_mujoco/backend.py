@@ -15,8 +15,8 @@ import numpy as np
 from s2r_mujoco.robot import Robot
 from s2r_mujoco.rollout import UNSTABLE, Record
 from s2r_mujoco.running import Running, running
-from s2r_spec.backend import Channel, Finding, Needs, Parameter, refuse_unknown
-from s2r_spec.effects import read_options
+from s2r_spec.backend import Channel, Effect, Finding, Needs, Parameter, refuse_unknown
+from s2r_spec.effects import Choice, Values, as_values, choose, read_options, words
 from s2r_spec.errors import UsageError
 from s2r_spec.trace import Trace
 
@@ -34,11 +34,13 @@ class RobotBackend:
         text: path of the robot file; ``NAME=VALUE`` after a colon replaces the default of a parameter.
         duration: duration of a rollout [s]; 0 for that of the file.
         wanted: parameters of a specification, whose ranges count where no file states one.
+        added: effects; more follow from ``EFFECT.PARAMETER=VALUE`` after the colon.
     """
 
     text: str
     duration: float = 0.0
     wanted: tuple[Parameter, ...] = field(default=(), repr=False)
+    added: Choice = ()
     deterministic: bool = field(default=True, init=False)
 
     def __post_init__(self) -> None:
@@ -67,8 +69,9 @@ class RobotBackend:
 
     @property
     def name(self) -> str:
-        """Name as in ``--backend``."""
-        return self.text
+        """Name as in ``--backend``, with the effects."""
+        parts = [self._parts[1], *words(self.added)]
+        return ":".join(filter(None, (self._parts[0], ",".join(filter(None, parts)))))
 
     @cached_property
     def _running(self) -> Running:
@@ -90,8 +93,34 @@ class RobotBackend:
     def _defaults(self) -> dict[str, float]:
         """Parameter → its default, with the options after the colon."""
         own = {name: one.declared.default for name, one in self._robot.parameters.items()}
-        given, _ = read_options(self._robot.name, self._parts[1], dict.fromkeys(own, ()))
-        return own | {name: self._checked(name, value) for name, value in given.items()}
+        return own | {name: self._checked(name, value) for name, value in self._options[0].items()}
+
+    @cached_property
+    def _options(self) -> tuple[dict[str, str], Choice]:
+        """The parameters and the effects after the colon."""
+        text, known = self._parts[1], dict.fromkeys(self._robot.parameters, ())
+        catalogue = self._robot.catalogue if "." in text else ()
+        return read_options(self._robot.name, text, known, catalogue)
+
+    @property
+    def _choice(self) -> Choice:
+        return choose(self._robot.name, self._robot.catalogue, self._options[1], as_values(self.added))
+
+    def effects(self) -> tuple[Effect, ...]:
+        """Return the catalogue; see ``docs/how-to/policies.md``."""
+        return self._robot.catalogue
+
+    def chosen(self) -> Values:
+        """Return effect → parameter → value of the effects of this backend."""
+        return as_values(self._choice)
+
+    def with_effects(self, values: Values) -> Self:
+        """Return this robot with effects: ``{"dry_friction": {"knee": 1.0}}``.
+
+        Raises:
+            UsageError: an effect or a parameter is unknown, or a value out of range.
+        """
+        return replace(self, added=choose(self._robot.name, self._robot.catalogue, self.added, values))
 
     @property
     def channels(self) -> tuple[Channel, ...]:
@@ -127,7 +156,7 @@ class RobotBackend:
     @cached_property
     def model_hash(self) -> str:
         """Hash of the robot file, of every file that it names or includes, of versions and of this package."""
-        return self._robot.digest(repr(sorted(self._defaults.items())))
+        return self._robot.digest(repr(sorted(self._defaults.items())) + repr(self._choice or ""))
 
     def with_duration(self, seconds: float) -> Self:
         """Return this backend with rollouts of this duration [s], rounded up to whole control periods."""
@@ -164,7 +193,7 @@ class RobotBackend:
         """
         refuse_unknown(self.name, self.parameters, params)
         test = self._defaults | {name: self._checked(name, value) for name, value in params.items()}
-        record = self._running.run(test, seed, self._ticks(self.duration) + 1)
+        record = self._running.run(test, seed, self._ticks(self.duration) + 1, added=self._choice)
         return self._trace(record, {"params": test, "seed": seed})
 
     def render(self, params: Mapping[str, float], seed: int, path: str | Path) -> Trace:
@@ -177,7 +206,8 @@ class RobotBackend:
 
         robot, trace = self._robot, self.rollout(params, seed)
         test = self._defaults | dict(params)
-        positions = self._running.run(test, seed, self._ticks(self.duration) + 1).qpos[: len(trace)]
+        record = self._running.run(test, seed, self._ticks(self.duration) + 1, added=self._choice)
+        positions = record.qpos[: len(trace)]
         tiles = np.linspace(0, len(trace) - 1, TILES[0] * TILES[1]).round().astype(int)
         model = robot.file.compile(robot.changes(test), pictures=True)
         view = View(_CAMERA * robot.reach, 0.3 * robot.reach, max(robot.plan.root, 0))

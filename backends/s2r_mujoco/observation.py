@@ -7,9 +7,9 @@ history. A history begins filled with the first observation.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import cos, pi, sin
-from typing import Any
+from typing import Any, Literal
 
 import mujoco
 import numpy as np
@@ -19,8 +19,6 @@ from s2r_mujoco.arrays import FloatArray, IntArray, Observation
 from s2r_mujoco.deploy.record import TERMS, Term
 from s2r_mujoco.plan import Plan
 from s2r_spec.errors import BackendError, UsageError, did_you_mean, one_of, shortened, suggest
-
-_DOWN = np.array([0.0, 0.0, -1.0])
 
 Read = Callable[[int], Any]
 """The value of a term at a control tick, from its number."""
@@ -36,13 +34,20 @@ class Memory:
     last_action: FloatArray
 
 
+Senses = Literal["vector", "angular", "position", "other", "known"]
+"""What a term is to an error of sensing: a vector or an angular velocity in axes of the IMU, positions of joints,
+another measurement, or something that the controller knows by itself."""
+
+
 @dataclass(frozen=True)
 class Part:
-    """A term with its width and its reader."""
+    """A term with its width and its reader, and what it senses; ``dof`` has the joints of positions."""
 
     term: Term
     width: int
     read: Read
+    senses: Senses = "other"
+    dof: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
 
     @property
     def name(self) -> str:
@@ -82,11 +87,11 @@ class Parts:
             return self._sensor(term)
         if term.name == "phase":
             parts, start = term.parts or ("sin", "cos"), term.start or (0.0,)
-            return Part(term, len(parts) * len(start), phases(term, self._plan.step))
+            return Part(term, len(parts) * len(start), phases(term, self._plan.step), "known")
         if term.name in self._user:
             return self._own(term)
         if term.name in ("base_lin_vel", "base_ang_vel", "projected_gravity"):
-            return Part(term, 3, self._base(term))
+            return Part(term, 3, self._base(term), "angular" if term.name == "base_ang_vel" else "vector")
         positions, velocities = self._data.qpos, self._data.qvel
         qpos, dof = self._joints(term)
         n, pose = len(qpos), self._plan.home[qpos]
@@ -110,7 +115,10 @@ class Parts:
                 f"{term.source}: there is no term {term.name!r}{close}; possible terms are {known}, a phase, a "
                 f"sensor, and file.py:function"
             )
-        return Part(term, *readers[term.name])
+        senses: dict[str, Senses] = {
+            "joint_pos": "position", "joint_pos_rel": "position", "last_action": "known", "velocity_commands": "known"
+        }  # fmt: skip
+        return Part(term, *readers[term.name], senses.get(term.name, "other"), dof)
 
     def _joints(self, term: Term) -> tuple[IntArray, IntArray]:
         """Return the indices of positions and velocities that a joint term reads."""
@@ -133,7 +141,7 @@ class Parts:
         sensor = names.index(term.sensor)
         first, width = int(model.sensor_adr[sensor]), int(model.sensor_dim[sensor])
         values = self._data.sensordata[first : first + width]
-        return Part(term, width, lambda tick: values)
+        return sensed(model, sensor, term, lambda tick: values)
 
     def _own(self, term: Term) -> Part:
         function, model, data, memory = self._user[term.name], self._model, self._data, self._memory
@@ -180,7 +188,7 @@ class Parts:
             return read
 
         if term.name == "projected_gravity":
-            return rotated(_DOWN, back=True)
+            return rotated(down(self._model), back=True)
         if term.name == "base_ang_vel":
             return rotated(angular, back=False) if world else lambda tick: angular
         return (lambda tick: linear) if world else rotated(linear, back=True)
@@ -188,8 +196,8 @@ class Parts:
     def _at_site(self, term: Term, site: int) -> Read:
         model, data, velocity = self._model, self._data, np.zeros(6)
         if term.name == "projected_gravity":
-            matrix = data.site_xmat[site].reshape(3, 3)
-            return lambda tick: -matrix[2]
+            below, matrix = down(model), data.site_xmat[site].reshape(3, 3)
+            return lambda tick: below @ matrix
         half = slice(0, 3) if term.name == "base_ang_vel" else slice(3, 6)
 
         def read(tick: int) -> FloatArray:
@@ -210,11 +218,34 @@ class Parts:
         return sites.index(term.frame)
 
 
+def down(model: Any) -> FloatArray:
+    """Return (3,) the direction of gravity."""
+    length = float(np.linalg.norm(model.opt.gravity))
+    return np.asarray(model.opt.gravity / length) if length else np.array([0.0, 0.0, -1.0])
+
+
+def sensed(model: Any, sensor: int, term: Term, read: Read) -> Part:
+    """Return the part of a sensor of the model."""
+    kinds, kind = mujoco.mjtSensor, int(model.sensor_type[sensor])
+    senses: Senses = "other"
+    if kind == int(kinds.mjSENS_GYRO):
+        senses = "angular"
+    elif kind in (int(kinds.mjSENS_VELOCIMETER), int(kinds.mjSENS_ACCELEROMETER)):
+        senses = "vector"
+    elif kind == int(kinds.mjSENS_JOINTPOS):
+        senses = "position"
+    joint = int(model.sensor_objid[sensor]) if senses == "position" else 0
+    dof = model.jnt_dofadr[[joint]].astype(np.intp) if model.njnt else np.zeros(0, dtype=np.intp)
+    return Part(term, int(model.sensor_dim[sensor]), read, senses, dof)
+
+
 class Observer:
     """Gives the observation of every control tick of one rollout after the other."""
 
-    def __init__(self, parts: tuple[Part, ...], plan: Plan) -> None:
-        self.parts = parts
+    def __init__(
+        self, parts: tuple[Part, ...], plan: Plan, sense: Callable[[FloatArray], FloatArray] | None = None
+    ) -> None:
+        self.parts, self._sense = parts, sense
         ends = np.cumsum([0, *(part.width for part in parts)])
         self._slices = [
             (slice(a, b), part.read) for a, b, part in zip(ends[:-1], ends[1:], parts, strict=True)
@@ -255,6 +286,8 @@ class Observer:
         values = self._values
         for where, read in self._slices:
             values[where] = read(tick)
+        if self._sense is not None:
+            values = self._sense(values)
         scaled = values if self._first is None else np.clip(values, *self._first)
         scaled = scaled * self._scale
         if self._last is not None:

@@ -18,6 +18,8 @@ from s2r_mujoco.channels import channels_of
 from s2r_mujoco.deploy import of_metadata, read_deployment
 from s2r_mujoco.deploy.record import Deployment
 from s2r_mujoco.description import read_description
+from s2r_mujoco.effects.catalogue import catalogue
+from s2r_mujoco.effects.physics import Physics
 from s2r_mujoco.failure import Failures
 from s2r_mujoco.model import FieldChange, ModelFile
 from s2r_mujoco.observation import Memory, Observer, Part, Parts
@@ -27,6 +29,7 @@ from s2r_mujoco.rollout import Record
 from s2r_mujoco.start import floors, start_pose
 from s2r_policy import Policy, open_policy
 from s2r_spec.backend import read_code
+from s2r_spec.effects import Choice, ModelEffect, add_effects
 from s2r_spec.errors import UsageError, require
 from s2r_spec.trace import Trace
 
@@ -221,6 +224,16 @@ class Robot:
             for name, one in self.description.table.parameters.items()
             if one.field and values[name] != self.parameters[name].declared.default
         }
+
+    @cached_property
+    def catalogue(self) -> tuple[ModelEffect, ...]:
+        """The effects that the simulator leaves out, by the fields of the model."""
+        pose = start_pose(self.model, self.plan, self.description.table.start, self.name)
+        return catalogue(self.model, self.plan, pose, acts=self.policy is None)
+
+    def physics(self, added: Choice) -> Physics:
+        """Return what effects change."""
+        return add_effects(Physics.of(self.model), self.catalogue, added)
 
     @property
     def reach(self) -> float:

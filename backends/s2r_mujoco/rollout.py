@@ -16,8 +16,11 @@ import numpy as np
 
 from s2r_mujoco import drive
 from s2r_mujoco.arrays import FloatArray, Observation
+from s2r_mujoco.deploy.record import Term
+from s2r_mujoco.effects.loop import Loop
+from s2r_mujoco.effects.physics import Physics
 from s2r_mujoco.law import kind_of
-from s2r_mujoco.observation import Memory, Observer, Parts, UserTerm
+from s2r_mujoco.observation import Memory, Observer, Parts, UserTerm, sensed
 from s2r_mujoco.plan import Plan
 from s2r_spec.errors import BackendError, shortened
 
@@ -74,19 +77,36 @@ Act = Callable[[Any, Any, FloatArray], Any]
 class Simulator:
     """A compiled model with its observer, policy and actuators. A rollout depends on its arguments alone."""
 
-    def __init__(self, model: Any, plan: Plan, users: dict[str, UserTerm]) -> None:
+    def __init__(
+        self, model: Any, plan: Plan, users: dict[str, UserTerm], physics: Physics | None = None
+    ) -> None:
+        plan = plan if physics is None else physics.plan(plan)
         drive.prepare_actuators(model, plan)
+        if physics is not None:
+            physics.change(model, plan)
         self.model, self.plan, self.data = model, plan, mujoco.MjData(model)
         self._positions = np.array(
             [i for i in range(model.nu) if kind_of(model, i) == "position"], dtype=np.intp
         )
         self.memory = Memory(np.zeros(3), np.zeros(len(plan.law.moved)))
         mujoco.mj_forward(model, self.data)
-        self.observer = Observer(Parts(plan, model, self.data, self.memory).of(plan.terms, users), plan)
+        parts = Parts(plan, model, self.data, self.memory).of(plan.terms, users)
+        self.loop = None if physics is None else Loop(physics, model, plan, parts)
+        self.observer = Observer(parts, plan, None if self.loop is None else self.loop.observed)
+        none = Term("sensor")
+        self._sensors = [
+            (int(model.sensor_adr[i]), sensed(model, i, none, lambda tick: None))
+            for i in range(model.nsensor)
+        ]
         self._apply, self._every_step = drive.writer(model, self.data, plan)
 
-    def begin(self, qpos: FloatArray, qvel: FloatArray, command: Mapping[str, float], key: int) -> None:
-        """Reset the state. An actuator that the policy leaves alone keeps the keyframe's control, or the start pose."""
+    def begin(
+        self, qpos: FloatArray, qvel: FloatArray, command: Mapping[str, float], key: int, seed: int = 0
+    ) -> None:
+        """Reset the state; the seed is that of delays.
+
+        An actuator that the policy leaves alone keeps the keyframe's control, or the start pose.
+        """
         mujoco.mj_resetData(self.model, self.data)
         if key >= 0:
             self.data.ctrl[:] = self.model.key_ctrl[key]
@@ -101,6 +121,7 @@ class Simulator:
             filtered = self._positions[self.model.actuator_actadr[self._positions] >= 0]
             self.data.act[self.model.actuator_actadr[filtered]] = self.data.actuator_length[filtered]
         self.data.ctrl[self.plan.held.joints.actuators] = self.plan.held.pose
+        self._seed = seed
 
     def run(self, policy: Policy, ticks: int, pushes: Sequence[Push] = ()) -> Record:
         """Run a trained policy from the state of :meth:`begin`, and record ``ticks`` control ticks.
@@ -112,6 +133,8 @@ class Simulator:
         record = self._empty(ticks, self.observer.width, len(law.moved), len(self.plan.joints))
         scale, offset, low_high, clip = law.scale, law.offset, law.clip_action, law.clip_target
         some, last_action = len(law.moved) < len(self.plan.joints), memory.last_action
+        if self.loop is not None:
+            self.loop.begin(np.where(law.has_target & ~law.speed, self.plan.pose, 0.0), self._seed)
         for tick in range(ticks):
             observation = observe(tick)
             action = policy(observation)
@@ -126,20 +149,25 @@ class Simulator:
                 whole[law.moved] = target
                 target = whole
             record.observation[tick], record.action[tick] = observation, action
-            self._tick(record, tick, target, pushes, last=tick == ticks - 1)
+            self._tick(record, tick, target, pushes, self._apply, last=tick == ticks - 1)
         return self._checked(record)
 
     def act(self, function: Act, ticks: int, pushes: Sequence[Push] = ()) -> Record:
         """Run a controller in Python, which returns the controls, as :meth:`run` does."""
         nu, data, model, command = self.model.nu, self.data, self.model, self.memory.command
         record = self._empty(ticks, 0, nu, nu)
+        if self.loop is not None:
+            self.loop.begin(data.ctrl.copy(), self._seed)
+
+        def write(control: FloatArray) -> None:
+            data.ctrl[:] = control
+
         for tick in range(ticks):
             control = _controls(function(model, data, command), nu)
             if not np.isfinite(control).all():
                 return self._not_finite(record, tick, None)
             record.action[tick] = control
-            data.ctrl[:] = control
-            self._tick(record, tick, control, pushes, last=tick == ticks - 1)
+            self._tick(record, tick, control, pushes, write, last=tick == ticks - 1)
         return self._checked(record)
 
     def _empty(self, ticks: int, width: int, actions: int, targets: int) -> Record:
@@ -160,10 +188,16 @@ class Simulator:
         )
 
     def _tick(
-        self, record: Record, tick: int, target: FloatArray, pushes: Sequence[Push], last: bool
+        self,
+        record: Record,
+        tick: int,
+        target: FloatArray,
+        pushes: Sequence[Push],
+        write: drive.Apply,
+        last: bool,
     ) -> None:
         """Record the tick, and take its physics steps; after the last tick only one, for its torques."""
-        model, data, plan = self.model, self.data, self.plan
+        model, data, plan, loop = self.model, self.data, self.plan, self.loop
         for push in pushes:
             data.xfrc_applied[push.body, :3] = 0.0
         for push in pushes:  # several may act on one body
@@ -171,18 +205,18 @@ class Simulator:
                 data.xfrc_applied[push.body, :3] += push.force
         record.qpos[tick], record.qvel[tick] = data.qpos, data.qvel
         record.sensors[tick], record.target[tick] = data.sensordata, target
-        if record.observation.shape[1]:
-            self._apply(target)
+        if loop is not None:
+            loop.send(target)
+            target = loop.arrived(0)
+        write(target)
         mujoco.mj_step(model, data)
         record.torque[tick] = data.qfrc_actuator
         rest = 0 if last else plan.decimation - 1
-        if not rest:
+        if loop is None and not (self._every_step and record.observation.shape[1]):
+            mujoco.mj_step(model, data, nstep=rest) if rest else None
             return
-        if not (self._every_step and record.observation.shape[1]):
-            mujoco.mj_step(model, data, nstep=rest)
-            return
-        for _ in range(rest):
-            self._apply(target)
+        for step in range(1, rest + 1):
+            write(target if loop is None else loop.arrived(step))
             mujoco.mj_step(model, data)
 
     def _not_finite(self, record: Record, tick: int, observation: Observation | None) -> Record:
@@ -205,11 +239,21 @@ class Simulator:
     def _checked(self, record: Record) -> Record:
         """Cut a record where the state is bad, and report MuJoCo's warnings as instability."""
         good = _good(record.qpos) & _good(record.qvel)
+        if self.loop is not None:
+            self._sense(record)
         if not good.all():
             record = record.cut(max(int(np.argmin(good)), 1))
             record.unstable = True
         record.unstable |= bool(self.data.warning.number.any())
         return record
+
+    def _sense(self, record: Record) -> None:
+        """Put into a record what the sensors say: positions of joints, and sensors of the model."""
+        assert self.loop is not None
+        record.qpos[:] = self.loop.positions(self.model, record.qpos)
+        for first, part in self._sensors:
+            place = slice(first, first + part.width)
+            record.sensors[:, place] = [self.loop.measured(part, row) for row in record.sensors[:, place]]
 
 
 def _controls(value: Any, count: int) -> FloatArray:

@@ -22,6 +22,7 @@ from s2r_mujoco.robot import KEPT, Robot, terms
 from s2r_mujoco.rollout import Push, Record, Simulator
 from s2r_mujoco.start import draw, start_pose
 from s2r_spec.backend import LoadedCode, load_code
+from s2r_spec.effects import Choice
 from s2r_spec.errors import BackendError, S2RError, UsageError
 
 
@@ -45,17 +46,17 @@ class Running:
         self.robot.failures.check()
         self.simulator(values)
 
-    def simulator(self, values: Mapping[str, float]) -> Simulator:
-        """Return the simulator with the fields of a test; the last ones are kept."""
+    def simulator(self, values: Mapping[str, float], added: Choice = ()) -> Simulator:
+        """Return the simulator with the fields of a test, and with effects; the last ones are kept."""
         with self._explaining():  # a term of the user's own is called once for its width
-            return self._made(tuple(self.robot.changes(values).items()))
+            return self._made(tuple(self.robot.changes(values).items()), added)
 
     @property
     def is_current(self) -> bool:
         """Whether every file is as it was when the robot was read."""
         return _stamps(self.robot) == self._stamps
 
-    def _make(self, changes: tuple[tuple[FieldChange, float], ...]) -> Simulator:
+    def _make(self, changes: tuple[tuple[FieldChange, float], ...], added: Choice) -> Simulator:
         if not self.is_current:  # a test with another field would be of another model than those before it
             raise UsageError(
                 f"a file of {self.robot.name} has changed since it was read; load the backend again, or begin a new run"
@@ -65,7 +66,8 @@ class Running:
             for term in self.robot.plan.terms
             if term.name in self.code
         }
-        simulator = Simulator(self.robot.file.compile(dict(changes)), self.robot.plan, users)
+        physics = self.robot.physics(added) if added else None
+        simulator = Simulator(self.robot.file.compile(dict(changes)), self.robot.plan, users, physics)
         self.robot.refuse_width(simulator.observer.parts)
         self._try(simulator)
         return simulator
@@ -84,7 +86,12 @@ class Running:
         self.robot.refuse_outputs(outputs)
 
     def run(
-        self, values: Mapping[str, float], seed: int, ticks: int, command: Mapping[str, float] | None = None
+        self,
+        values: Mapping[str, float],
+        seed: int,
+        ticks: int,
+        command: Mapping[str, float] | None = None,
+        added: Choice = (),
     ) -> Record:
         """Run one test.
 
@@ -93,6 +100,7 @@ class Running:
             seed: seed of the noise.
             ticks: control ticks to record.
             command: component → value instead of that of the test.
+            added: effects.
 
         Raises:
             BackendError: the controller is at fault.
@@ -106,10 +114,10 @@ class Running:
         # An unstable rollout is an answer: no warning of NumPy, and no MUJOCO_LOG.TXT in the user's folder.
         mujoco.set_mju_user_warning(_silent)
         with self._lock, self._explaining(), np.errstate(over="ignore", invalid="ignore"):
-            simulator = self.simulator(values)
+            simulator = self.simulator(values, added)
             pose = start_pose(simulator.model, robot.plan, table.start, robot.name)
             position, velocity = draw(simulator.model, robot.plan, table.start, seed)
-            simulator.begin(pose + position, velocity, command, robot.plan.key)
+            simulator.begin(pose + position, velocity, command, robot.plan.key, seed)
             before = _fingerprint(simulator.model) if robot.code_names else 0
             try:
                 return self._run(simulator, ticks, pushes)

@@ -1,0 +1,209 @@
+"""The catalogue of effects of a robot file, from its model: what a maker's model usually leaves out.
+
+A size that belongs to joints has one parameter for each kind of joint (:mod:`.kinds`). Where a robot has many kinds,
+one parameter stands for all, in parts of each joint's own scale. Priors are judgements without a source: half of the
+typical sizes that ``docs/how-to/policies.md`` lists.
+
+Units: SI; in a robot with many kinds of joints, parts of a scale.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from math import radians
+from typing import Any
+
+import numpy as np
+
+from s2r_mujoco.arrays import FloatArray, IntArray
+from s2r_mujoco.effects.kinds import Kind, kinds_of, scales_of
+from s2r_mujoco.effects.physics import root_body
+from s2r_mujoco.plan import Plan
+from s2r_spec.effects import Change, ModelEffect, adds, scales
+
+FRICTION, DAMPING, ARMATURE = 0.05, 0.05, 0.3
+"""Prior: typical dry friction, and viscous friction at a turn or a metre a second, in parts of a joint's torque; and
+typical rotor inertia, in parts of a joint's inertia."""
+LARGEST = 5.0
+"""Definition: end of a range, in typical sizes."""
+
+
+@dataclass(frozen=True)
+class _Joints:
+    """One effect of joints: its field of :class:`.Physics`, and (nv,) the typical size of each degree of freedom."""
+
+    name: str
+    physics: str
+    field: str
+    unit: str
+    typical: FloatArray
+
+
+def catalogue(model: Any, plan: Plan, pose: FloatArray, acts: bool) -> tuple[ModelEffect, ...]:
+    """Return the catalogue of a compiled model at its start pose; ``acts``: whether a Python function controls it."""
+    kinds = kinds_of(model)
+    driven = [kind for kind in kinds if kind.actuators.size]
+    found = [*_of_joints(model, plan, pose, kinds), *_of_motors(model, plan, driven)]
+    found += [*_of_body(model, plan), *_of_messages(plan.step, acts)]
+    if not acts:
+        found += _of_sensing(kinds, plan)
+    return tuple(found)
+
+
+def _of_joints(model: Any, plan: Plan, pose: FloatArray, kinds: Sequence[Kind]) -> Iterator[ModelEffect]:
+    inertia, torque = scales_of(model, plan, pose)
+    turn = np.ones(model.nv)
+    for kind in kinds:
+        turn[kind.dof] = 1.0 if kind.slides else 2.0 * np.pi
+    rows = (
+        _Joints("dry_friction", "Joints rub with a force that does not depend on speed.", "friction", "N*m",
+                FRICTION * torque),
+        _Joints("viscous_friction", "Joints rub in proportion to their speed.", "damping", "N*m*s/rad",
+                DAMPING * torque / turn),
+        _Joints("armature", "Rotors behind the gears add to the inertia of the joints.", "armature", "kg*m^2",
+                ARMATURE * inertia),
+    )  # fmt: skip
+    linear = {"N*m": "N", "N*m*s/rad": "N*s/m", "kg*m^2": "kg"}
+    for row in rows:
+        parameters = []
+        for kind in kinds:
+            size, unit, change = _size(kind, row.typical, linear[row.unit] if kind.slides else row.unit)
+            parameters.append(
+                (kind.name, unit, 0.0, LARGEST * size, 0.0, f"half-normal, {size / 2.0:.3g} {unit}".strip(),
+                 change(row.field))
+            )  # fmt: skip
+        yield ModelEffect.of(row.name, "joints", row.physics, *parameters)
+
+
+def _size(kind: Kind, typical: FloatArray, unit: str) -> tuple[float, str, Any]:
+    """Return the typical size of a kind, its unit, and what changes a field: by the size, or in parts of typical."""
+    own = typical[kind.dof]
+    if own.max() <= 2.0 * own.min():
+        return float(f"{np.median(own):.2g}"), unit, lambda field: adds(field, kind.dof)
+    return 1.0, "", lambda field: Change(field, lambda before, value: before + value * own, kind.dof)
+
+
+def _of_motors(model: Any, plan: Plan, kinds: Sequence[Kind]) -> Iterator[ModelEffect]:
+    def factors(
+        field: str, low: float, high: float, prior: str, at: dict[str, IntArray]
+    ) -> list[tuple[Any, ...]]:
+        return [(name, "", low, high, 1.0, prior, scales(field, own)) for name, own in at.items()]
+
+    every = {kind.name: kind.actuators for kind in kinds}
+    if not every:
+        return
+    normal = "normal around 1, standard deviation 0.1"
+    yield ModelEffect.of(
+        "motor_strength", "actuation", "Motors give this part of the torque that they should.",
+        *factors("strength", 0.4, 1.3, normal, every),
+    )  # fmt: skip
+    limited = {
+        kind.name: own
+        for kind in kinds
+        if (own := kind.actuators[_is_limited(model, plan, kind.actuators)]).size
+    }
+    if limited:
+        yield ModelEffect.of(
+            "torque_limit", "actuation", "Motors reach this part of their largest torque.",
+            *factors("limit", 0.0, 1.0, "1 minus half-normal, 0.25", limited),
+        )  # fmt: skip
+    servos = {
+        kind.name: own
+        for kind in kinds
+        if (own := kind.actuators[_has_gains(model, plan, kind.actuators)]).size
+    }
+    if servos:
+        prior = "normal around 1, standard deviation 0.15"
+        yield ModelEffect.of(
+            "kp", "actuation", "The stiffness of the joints' position control is this part of the stated one.",
+            *factors("stiffness", 0.3, 1.75, prior, servos),
+        )  # fmt: skip
+        yield ModelEffect.of(
+            "kd", "actuation", "The damping of the joints' position control is this part of the stated one.",
+            *factors("derivative", 0.3, 1.75, prior, servos),
+        )  # fmt: skip
+
+
+def _is_limited(model: Any, plan: Plan, actuators: IntArray) -> Any:
+    joints = model.actuator_trnid[actuators, 0]
+    found = model.actuator_forcelimited[actuators].astype(bool) | model.jnt_actfrclimited[joints].astype(bool)
+    plain = model.actuator_biastype[actuators] == 0
+    found |= plain & model.actuator_ctrllimited[actuators].astype(bool)
+    limits = dict(zip(plan.joints.actuators.tolist(), plan.law.torque_limit.tolist(), strict=True))
+    return found | np.array([np.isfinite(limits.get(int(one), np.inf)) for one in actuators], dtype=bool)
+
+
+def _has_gains(model: Any, plan: Plan, actuators: IntArray) -> Any:
+    """Return which actuators have both gains: of one with kp alone, another kp is another strength of its motor."""
+    if plan.law.pd == "model":
+        return (model.actuator_biasprm[actuators, 1] < 0.0) & (model.actuator_biasprm[actuators, 2] < 0.0)
+    both = (plan.law.stiffness > 0.0) & (plan.law.damping > 0.0)
+    return np.isin(actuators, plan.joints.actuators[both])
+
+
+def _of_body(model: Any, plan: Plan) -> Iterator[ModelEffect]:
+    body = root_body(model, plan)
+    mass = float(model.body_subtreemass[body])
+    typical, reach = float(f"{0.1 * mass:.2g}"), float(f"{0.1 * np.cbrt(mass / 1000.0):.2g}")
+    yield ModelEffect.of(
+        "payload", "body", "The root body carries a mass.",
+        ("mass", "kg", 0.0, LARGEST * typical, 0.0, f"half-normal, {typical / 2.0:.3g} kg", adds("mass")),
+    )  # fmt: skip
+    if plan.root >= 0:
+        yield ModelEffect.of(
+            "com_offset", "body", "The centre of mass of the root body lies elsewhere.",
+            *((name, "m", -LARGEST * reach, LARGEST * reach, 0.0, f"normal, {reach / 2.0:.3g} m", adds("centre", k))
+              for k, name in enumerate("xyz")),
+        )  # fmt: skip
+        yield ModelEffect.of(
+            "slope", "ground", "The ground falls forward or to the left by this angle.",
+            *((name, "deg", -10.0, 10.0, 0.0, "normal, 1.5 deg", _angle("slope", k))
+              for k, name in enumerate(("forward", "left"))),
+        )  # fmt: skip
+        yield ModelEffect.of(
+            "ground_friction", "ground", "All coefficients of friction are this part of the model's.",
+            ("factor", "", 0.2, 2.5, 1.0, "log-normal, deviation 0.35", scales("ground")),
+        )  # fmt: skip
+
+
+def _angle(field: str, at: int) -> Change:
+    """Return the change that adds an angle [deg] to a field [rad]."""
+    return Change(field, lambda before, value: before + radians(value), at)
+
+
+def _of_messages(step: float, acts: bool) -> Iterator[ModelEffect]:
+    late = float(f"{step:.2g}")
+    rows = [("sending", "action_delay", "Targets reach the motors this much later")]
+    if not acts:
+        rows.insert(
+            0, ("sensing", "observation_delay", "The policy sees the robot as it was this much earlier")
+        )
+    for field, name, words in rows:
+        yield ModelEffect.of(
+            name, "timing", f"{words}; jitter is the standard deviation of the delay, as a part of it.",
+            ("time", "s", 0.0, LARGEST * late, 0.0, f"half-normal, {late / 2.0:.3g} s", adds(field)),
+            ("jitter", "", 0.0, 0.5, 0.0, "half-normal, 0.15", adds(f"{field}_jitter")),
+        )  # fmt: skip
+    yield ModelEffect.of(
+        "actuator_lag", "actuation", "Targets pass a filter of the first order with this time constant.",
+        ("time", "s", 0.0, LARGEST * late, 0.0, f"half-normal, {late / 2.0:.3g} s", adds("lag")),
+    )  # fmt: skip
+
+
+def _of_sensing(kinds: Sequence[Kind], plan: Plan) -> Iterator[ModelEffect]:
+    yield ModelEffect.of(
+        "encoder_offset", "sensing", "The measured positions of joints are too large by this much.",
+        *((kind.name, "m" if kind.slides else "rad", -0.15, 0.15, 0.0, f"normal, 0.02 {'m' if kind.slides else 'rad'}",
+           adds("offset", kind.dof)) for kind in kinds),
+    )  # fmt: skip
+    if plan.root >= 0:
+        yield ModelEffect.of(
+            "imu_tilt", "sensing", "The IMU is mounted with this roll and pitch.",
+            *((name, "deg", -6.0, 6.0, 0.0, "normal, 1 deg", _angle("tilt", k))
+              for k, name in enumerate(("roll", "pitch"))),
+        )  # fmt: skip
+        yield ModelEffect.of(
+            "gyro_bias", "sensing", "The gyroscope measures too much by this.",
+            *((name, "rad/s", -0.2, 0.2, 0.0, "normal, 0.03 rad/s", adds("gyro", k)) for k, name in enumerate("xyz")),
+        )  # fmt: skip

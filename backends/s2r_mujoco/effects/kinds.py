@@ -1,0 +1,120 @@
+"""Kinds of joints: those of the same name on several sides of a robot, such as all knees; and the scale of each."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from s2r_mujoco.arrays import FloatArray, IntArray
+from s2r_mujoco.effects.physics import driven
+from s2r_mujoco.joints import name_of, scalar_joints
+from s2r_mujoco.plan import Plan
+
+SIDES = frozenset(
+    [
+        *("left", "right", "front", "rear", "hind", "back", "joint"),
+        *"lrfhb",
+        *(one + two for one in "frhlb" for two in "frhlb"),
+    ]
+)
+"""Definition: parts of a joint's name that say where on a robot it is."""
+KINDS = 4
+"""Budget: most kinds of joints with sizes of their own; of more, all joints share one, in parts of their scales."""
+ACCELERATION = 10.0
+"""Definition: turns that a joint without a limit gains in a second, for the scale of its torque [1/s²]."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Joints that share a size.
+
+    Attributes:
+        name: of the kind, as a parameter of an effect has it.
+        joints, dof: numbers of the joints, and of their degrees of freedom.
+        actuators: of these joints; those without one are left out.
+        slides: whether they slide.
+    """
+
+    name: str
+    joints: IntArray
+    dof: IntArray
+    actuators: IntArray
+    slides: bool
+
+
+def kind_name(name: str) -> str:
+    """Return the name of a joint without the parts that say where it is; ``FL_hip_joint`` → ``hip``."""
+    words = (
+        re.sub(r"([a-z0-9])([A-Z])", r"\1_\2", name).replace("-", "_").replace(".", "_").lower().split("_")
+    )
+    kept = [word for word in words if word not in SIDES] or ["joint"]
+    return re.sub(r"\W", "_", "_".join(filter(None, kept)))
+
+
+def kinds_of(model: Any) -> list[Kind]:
+    """Return the kinds of joints, in the model's order; one for all hinges where there are too many."""
+    groups: dict[tuple[str, bool], list[int]] = {}
+    for joint in scalar_joints(model):
+        slides = int(model.jnt_type[joint]) == int(mujoco.mjtJoint.mjJNT_SLIDE)
+        groups.setdefault((kind_name(name_of(model, joint)), slides), []).append(joint)
+    if len(groups) > KINDS:
+        every = {
+            slides: [j for (_, s), own in groups.items() if s == slides for j in own]
+            for slides in (False, True)
+        }
+        groups = {
+            ("slides" if slides else "hinges", slides): sorted(own) for slides, own in every.items() if own
+        }
+    return [_kind(model, name, joints, slides) for (name, slides), joints in groups.items()]
+
+
+def _kind(model: Any, name: str, joints: Sequence[int], slides: bool) -> Kind:
+    of_joint = {joint: actuator for actuator, joint in reversed(list(enumerate(driven(model)))) if joint >= 0}
+    index = np.array(joints, dtype=np.intp)
+    actuators = np.array([of_joint[j] for j in joints if j in of_joint], dtype=np.intp)
+    return Kind(name, index, model.jnt_dofadr[index].astype(np.intp), actuators, slides)
+
+
+def scales_of(model: Any, plan: Plan, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return (nv,) inertia of every degree of freedom at a pose, and its torque [N·m or N].
+
+    The torque is the limit of its motor. Without a limit it is that of its weight at the pose, or of a quick start.
+    """
+    data = mujoco.MjData(model)
+    data.qpos[:] = pose
+    mujoco.mj_forward(model, data)
+    matrix = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, matrix)
+    inertia = np.diag(matrix).copy()
+    torque = np.maximum(np.abs(data.qfrc_bias), 2.0 * np.pi * ACCELERATION * inertia)
+    for actuator, joint in enumerate(driven(model)):
+        if joint < 0:
+            continue
+        limits = _limits(model, actuator, joint)
+        own = np.flatnonzero(plan.joints.actuators == actuator)
+        limits += plan.law.torque_limit[own].tolist()
+        finite = [limit for limit in limits if np.isfinite(limit) and limit > 0.0]
+        if finite:
+            torque[model.jnt_dofadr[joint]] = min(finite)
+    return inertia, torque
+
+
+def _limits(model: Any, actuator: int, joint: int) -> list[float]:
+    """Return the limits that a model states of the torque of a joint."""
+    gear, found = abs(float(model.actuator_gear[actuator, 0])), []
+    if model.actuator_forcelimited[actuator]:
+        found.append(gear * float(np.abs(model.actuator_forcerange[actuator]).max()))
+    if model.jnt_actfrclimited[joint]:
+        found.append(float(np.abs(model.jnt_actfrcrange[joint]).max()))
+    if (
+        model.actuator_ctrllimited[actuator]
+        and model.actuator_biastype[actuator] == mujoco.mjtBias.mjBIAS_NONE
+    ):
+        gain = abs(float(model.actuator_gainprm[actuator, 0]))
+        found.append(gear * gain * float(np.abs(model.actuator_ctrlrange[actuator]).max()))
+    return found

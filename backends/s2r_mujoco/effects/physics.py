@@ -1,0 +1,135 @@
+"""What the effects of a catalogue change: numbers of a compiled model, of the gains, and of the loop.
+
+Units: SI, angles in rad. Shapes: nv degrees of freedom, nu actuators.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Self
+
+import mujoco
+import numpy as np
+
+from s2r_mujoco.arrays import FloatArray
+from s2r_mujoco.plan import Plan
+
+
+@dataclass(frozen=True, eq=False)
+class Physics:
+    """Numbers that effects change; as :meth:`of` returns them, they change nothing.
+
+    Attributes:
+        friction, damping, armature: (nv,) added to each degree of freedom [N·m, N·m·s/rad, kg·m²; N, N·s/m, kg].
+        strength, limit, stiffness, derivative: (nu,) factors of an actuator's force, limit, and gains kp and kd.
+        offset: (nv,) added to the measured position of a joint [rad or m].
+        mass, centre: added to the root body [kg], and (3,) shift of its centre of mass [m].
+        ground: factor of all coefficients of friction.
+        slope: (2,) angles by which gravity leans forward and to the left [rad].
+        tilt: (2,) roll and pitch of the IMU on its body [rad].
+        gyro: (3,) bias of the measured angular velocity [rad/s].
+        sensing, sending: delay of what the policy sees, and of its targets [s].
+        sensing_jitter, sending_jitter: standard deviations of both, as shares of them.
+        lag: time constant of the targets [s].
+    """
+
+    friction: FloatArray
+    damping: FloatArray
+    armature: FloatArray
+    strength: FloatArray
+    limit: FloatArray
+    stiffness: FloatArray
+    derivative: FloatArray
+    offset: FloatArray
+    mass: float = 0.0
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    ground: float = 1.0
+    slope: tuple[float, float] = (0.0, 0.0)
+    tilt: tuple[float, float] = (0.0, 0.0)
+    gyro: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    sensing: float = 0.0
+    sensing_jitter: float = 0.0
+    sending: float = 0.0
+    sending_jitter: float = 0.0
+    lag: float = 0.0
+
+    @classmethod
+    def of(cls, model: Any) -> Self:
+        """Return the numbers that change nothing."""
+        none, same = np.zeros(model.nv), np.ones(model.nu)
+        return cls(none, none, none, same, same, same, same, none)
+
+    def plan(self, plan: Plan) -> Plan:
+        """Return the plan with these gains."""
+        actuators = plan.joints.actuators
+        law = replace(
+            plan.law,
+            stiffness=plan.law.stiffness * self.stiffness[actuators],
+            damping=plan.law.damping * self.derivative[actuators],
+            torque_limit=plan.law.torque_limit * self.limit[actuators],
+        )
+        return replace(plan, law=law)
+
+    def change(self, model: Any, plan: Plan) -> None:
+        """Change a compiled model whose actuators have the gains of :meth:`plan`."""
+        model.dof_frictionloss += self.friction
+        model.dof_damping += self.damping
+        model.dof_armature += self.armature
+        self._change_actuators(model, plan)
+        if self.mass or any(self.centre):
+            self._load(model, root_body(model, plan))
+        model.geom_friction[:] *= self.ground
+        model.pair_friction[:] *= self.ground
+        model.opt.gravity[:] = leaning(model.opt.gravity, *self.slope)
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+
+    def _change_actuators(self, model: Any, plan: Plan) -> None:
+        if plan.law.pd == "model":  # the gains of the model's own servos
+            model.actuator_biasprm[:, 1] *= self.stiffness
+            position = model.actuator_biasprm[:, 1] != 0.0
+            model.actuator_gainprm[:, 0] *= np.where(position, self.stiffness, self.derivative)
+            model.actuator_biasprm[:, 2] *= self.derivative
+        model.actuator_gainprm[:, :3] *= self.strength[:, None]
+        model.actuator_biasprm[:, :3] *= self.strength[:, None]
+        model.actuator_forcerange[:] *= self.limit[:, None]
+        plain = model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE
+        model.actuator_ctrlrange[plain] *= self.limit[plain, None]
+        for actuator, joint in enumerate(driven(model)):
+            if joint >= 0 and model.jnt_actfrclimited[joint]:
+                model.jnt_actfrcrange[joint] *= self.limit[actuator]
+
+    def _load(self, model: Any, body: int) -> None:
+        """Add a mass with the inertia of the body's own shape, and shift its centre."""
+        before = float(model.body_mass[body])
+        model.body_mass[body] = before + self.mass
+        model.body_inertia[body] *= (before + self.mass) / before
+        model.body_ipos[body] += self.centre
+
+
+def driven(model: Any) -> list[int]:
+    """Return the joint of every actuator; −1 for one that drives no joint."""
+    joints = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
+    kinds = zip(model.actuator_trntype.tolist(), model.actuator_trnid[:, 0].tolist(), strict=True)
+    return [target if kind in [int(one) for one in joints] else -1 for kind, target in kinds]
+
+
+def root_body(model: Any, plan: Plan) -> int:
+    """Return the body with the free joint, or of a fixed base the first that moves."""
+    if plan.root >= 0:
+        return plan.root
+    moving = np.flatnonzero(model.body_weldid != 0)
+    return int(moving[0]) if moving.size else 0
+
+
+def leaning(gravity: FloatArray, forward: float, left: float) -> FloatArray:
+    """Return (3,) gravity on a slope that falls forward and to the left by these angles [rad]."""
+    rotation = rotated(-left, forward)
+    return np.asarray(rotation.T @ gravity)
+
+
+def rotated(roll: float, pitch: float) -> FloatArray:
+    """Return (3, 3) the rotation by roll and pitch [rad]: its columns are the turned axes."""
+    c, s, cp, sp = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch)
+    about_x = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+    about_y = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
+    return np.asarray(about_y @ about_x)
