@@ -222,6 +222,12 @@ class RobotBackend:
         if run:
             yield from trials(self._running, self.parameters)
 
+    def loop(self, trace: Trace) -> Iterator[Finding]:
+        """Yield what a log says of the control loop of the files; see :class:`s2r_spec.backend.HasLoop`."""
+        from s2r_mujoco.interface.check import loop_findings
+
+        yield from loop_findings(self._robot, trace)
+
     def _trace(self, record: Record, facts: dict[str, Any]) -> Trace:
         meta: dict[str, Any] = {"backend": self.name, "model_hash": self.model_hash, **facts}
         if record.unstable:

@@ -7,6 +7,7 @@ from s2r_spec.backend.capabilities import HasChosen as HasChosen
 from s2r_spec.backend.capabilities import HasControlLaw as HasControlLaw
 from s2r_spec.backend.capabilities import HasDuration as HasDuration
 from s2r_spec.backend.capabilities import HasEffects as HasEffects
+from s2r_spec.backend.capabilities import HasLoop as HasLoop
 from s2r_spec.backend.capabilities import HasOptions as HasOptions
 from s2r_spec.backend.capabilities import HasPictures as HasPictures
 from s2r_spec.backend.capabilities import HasPreflight as HasPreflight

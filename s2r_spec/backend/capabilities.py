@@ -277,12 +277,14 @@ class Finding:
         words: the fact, as a sentence.
         level: ``wrong`` if the backend cannot be right as it is, ``note`` if a person should look at it, else ``ok``.
         table: lines of a table that belongs to it.
+        certain: whether a mistake in the loop explains it exactly, and no physics does.
     """
 
     topic: str
     words: str
     level: Level = "ok"
     table: tuple[str, ...] = ()
+    certain: bool = False
 
 
 @runtime_checkable
@@ -291,6 +293,14 @@ class HasPreflight(Protocol):
 
     def preflight(self, *, run: bool) -> Iterator[Finding]:
         """Yield facts, each as soon as it is known; without ``run`` only those that need no rollout."""
+
+
+@runtime_checkable
+class HasLoop(Protocol):
+    """A backend whose files state its control loop: what a policy sees, and what becomes of its action."""
+
+    def loop(self, trace: Trace) -> Iterator[Finding]:
+        """Yield what a recorded trace says of each equation of the loop, tick by tick and without a simulation."""
 
 
 @dataclass(frozen=True)

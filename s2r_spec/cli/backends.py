@@ -46,14 +46,28 @@ Spec = Annotated[
 ]
 
 
-def backends(name: Name = None, check: Check = False, spec: Spec = None, as_json: AsJson = False) -> None:
+Log = Annotated[
+    str | None,
+    typer.Option(
+        "--log",
+        metavar="FOLDER",
+        help="Recordings of the robot: hold its control loop against that of a robot file, tick by tick. "
+        "Exit code 1 if they differ.",
+    ),
+]
+
+
+def backends(
+    name: Name = None, check: Check = False, spec: Spec = None, log: Log = None, as_json: AsJson = False
+) -> None:
     """List the installed backends, or describe one of them."""
     with sentences(as_json):
         from s2r_spec.backend import described, endings, installed
         from s2r_spec.report.records.backends import BackendObject, BackendsObject
 
-        if name is None and check:
-            raise UsageError("--check needs the name of a backend: s2r backends NAME --check")
+        if name is None and (check or log):
+            option = "--check" if check else "--log FOLDER"
+            raise UsageError(f"{option} needs the name of a backend: s2r backends NAME {option}")
         if name is None:
             classes = {key: point.value for key, point in installed().items()}
             if as_json:
@@ -74,6 +88,8 @@ def backends(name: Name = None, check: Check = False, spec: Spec = None, as_json
                 f"{name} is a machine: --check would move it to the ends of its ranges. "
                 f"The commands check, gap and certify run it with its operator"
             )
+        if log is not None:
+            raise typer.Exit(_loop(machine, log, as_json))
         if check:
             raise typer.Exit(_check(machine, as_json))
         if as_json:
@@ -151,6 +167,27 @@ def _lines(machine: Backend, record: BackendObject) -> Iterator[str]:
 def _range(p: Parameter) -> str:
     unit = f" {p.unit}" if p.unit else ""
     return f"[{p.low:g}, {p.high:g}]{unit}; default {p.default:g}: {p.description}"
+
+
+def _loop(machine: Backend, log: str, as_json: bool) -> int:
+    """Print what recordings say of the control loop of a robot's files, and return the exit code."""
+    from s2r_spec.report.records.backends import LoopObject
+    from s2r_spec.testing.loop import loop_findings
+
+    findings, recordings = loop_findings(machine, log)
+    wrong = sum(one.level == "wrong" for one in findings)
+    if as_json:
+        print(line(LoopObject(name=machine.name, recordings=recordings, loop=tuple(findings))))
+        return 1 if wrong else 0
+    for finding in findings:
+        for each in finding_lines(finding):
+            say(each)
+    if wrong:
+        words = f"differs from that of {machine.name} in {wrong} equation{'s' * (wrong > 1)}"
+    else:
+        words = f"is that of {machine.name}, as far as the log shows it"
+    say(f"the loop of {recordings} recording{'s' * (recordings > 1)} {words}")
+    return 1 if wrong else 0
 
 
 def _check(machine: Backend, as_json: bool) -> int:

@@ -17,6 +17,7 @@ from s2r_spec.backend import (
     is_exclusive,
 )
 from s2r_spec.backend.protocols import HasProtocols, Protocol
+from s2r_spec.base.json_types import Count
 from s2r_spec.base.json_values import OPTIONAL
 from s2r_spec.testing.subject import Check
 
@@ -96,6 +97,23 @@ class ConformanceObject:
     name: str
     promises: tuple[Check, ...]
     preflight: tuple[Finding, ...] | None = field(default=None, metadata=OPTIONAL)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoopObject:
+    """The result of ``s2r backends NAME --log FOLDER``.
+
+    Attributes:
+        schema: name and version of this object.
+        name: the name of the backend.
+        recordings: number of recordings.
+        loop: what they say of each equation of the control loop.
+    """
+
+    schema: Literal["s2r.loop/1"] = "s2r.loop/1"
+    name: str
+    recordings: Count
+    loop: tuple[Finding, ...]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,7 +14,13 @@ from typing_extensions import get_original_bases
 from s2r_spec.base.errors import UsageError, one_of, suggest
 from s2r_spec.base.json_values import Open, optional_fields
 from s2r_spec.diagnose.diagnosis import Diagnosis
-from s2r_spec.report.records.backends import BackendObject, BackendsObject, ConformanceObject, NewObject
+from s2r_spec.report.records.backends import (
+    BackendObject,
+    BackendsObject,
+    ConformanceObject,
+    LoopObject,
+    NewObject,
+)
 from s2r_spec.report.records.certificates import CertifyObject, CheckObject, GapObject
 from s2r_spec.report.records.error import ErrorObject
 from s2r_spec.report.records.log import LogObject
@@ -42,6 +48,7 @@ OBJECTS: Mapping[str, Any] = {
     "s2r.pilot/1": PilotObject,
     "s2r.plan/1": PlanObject,
     "s2r.promises/1": ConformanceObject,
+    "s2r.loop/1": LoopObject,
     "s2r.new/1": NewObject,
     "s2r.replay/1": ReplayObject,
     "s2r/diagnosis/2": Diagnosis,

@@ -1,0 +1,148 @@
+"""The loop of a log beside that of the files: each simple mistake is named, and no physics is taken for one."""
+
+import numpy as np
+import pytest
+
+from s2r_mujoco.interface.mistakes import judged
+from s2r_spec import logs
+from s2r_spec.diagnose import diagnose
+from s2r_spec.trace import Trace
+from tests.mujoco.robots import SPIN, robot
+
+TOML = (
+    "decimation = 4\nduration = 1.0\n"
+    'observation = ["base_lin_vel", "base_ang_vel", "projected_gravity", "joint_pos_rel", '
+    '{ term = "joint_vel", scale = 0.05 }, "last_action", { phase = 1.5, unit = "Hz" }]\n'
+    + SPIN
+    + "action = { scale = 0.1, stiffness = 3, damping = 0.08 }\ndefault_joint_pos = { '.*' = 0.2 }\n"
+)
+WIDTH = 23
+PLACES = {
+    "base_lin_vel": slice(0, 3), "base_ang_vel": slice(3, 6), "projected_gravity": slice(6, 9),
+    "joint_pos_rel": slice(9, 13), "joint_vel": slice(13, 17), "last_action": slice(17, 21),
+}  # fmt: skip
+
+
+@pytest.fixture
+def box(tmp_path):
+    return robot(tmp_path, TOML, WIDTH)
+
+
+def changed(trace, name, change):
+    """Return a log in which a channel, or the place of a term in ``obs``, holds something else."""
+    values = np.array(trace["obs"] if name in PLACES else trace[name])
+    place = (slice(None), PLACES[name]) if name in PLACES else ...
+    values[place] = change(values[place])
+    channels = {key: np.asarray(trace[key]) for key in trace.channels}
+    return Trace(trace.times, channels | {"obs" if name in PLACES else name: values}, trace.units, trace.meta)
+
+
+def wrong(backend, trace):
+    return [one for one in backend.loop(trace) if one.level == "wrong" and one.topic != "action"]
+
+
+def test_a_log_of_the_files_own_loop_holds_every_equation(box):
+    found = list(box.loop(box.rollout({}, 1)))
+    assert [one.topic for one in found if one.level == "ok"] == ["observation", "action", "target", "torque"]
+    assert not [one for one in found if one.level != "ok"]
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "words"),
+    [
+        ("base_ang_vel", lambda x: 0.25 * x, "0.25 times"),
+        ("base_ang_vel", lambda x: np.degrees(x), "degrees"),
+        ("projected_gravity", lambda x: -x, "sign is wrong"),
+        ("joint_vel", lambda x: 20.0 * x, "20 times"),
+        ("base_lin_vel", lambda x: 0.0 * x, "always zero"),
+        ("last_action", lambda x: 0.0 * x, "always zero"),
+        ("joint_pos_rel", lambda x: x[:, [1, 0, 3, 2]], "fl holds fr, fr holds fl, rl holds rr, rr holds rl"),
+        ("joint_pos_rel", lambda x: x + 0.2, "default pose"),
+        ("joint_pos_rel", lambda x: x * [1, -1, 1, -1], "wrong sign in fr, rr"),
+        ("joint_vel", lambda x: np.concatenate([x[:2], x[:2], x[2:-2]]), None),
+        ("joint_vel", lambda x: np.concatenate([x[:1], x[:1], x[:-2]]), "2 ticks late"),
+        ("target", lambda x: 0.2 + 0.5 * (x - 0.2), "0.5 times"),
+        ("target", lambda x: x[:, [1, 0, 3, 2]], "fl holds fr"),
+    ],
+)
+def test_a_mistake_is_named_with_its_term(box, name, change, words):
+    found = wrong(box, changed(box.rollout({}, 1), name, change))
+    first = next(one for one in found if one.words.startswith(name))
+    assert words is None or words in first.words
+    assert words is None or first.certain == ("late" not in words)
+
+
+def test_a_vector_in_axes_of_the_world_is_named(box):
+    trace = box.rollout({}, 1)
+    w, v = trace["quaternion"][:, :1], trace["quaternion"][:, 1:]
+    omega = trace["omega"]
+    turned = omega + 2.0 * np.cross(v, w * omega + np.cross(v, omega))
+    (one,) = wrong(box, changed(trace, "base_ang_vel", lambda x: turned))
+    assert "axes of the world" in one.words
+
+
+def test_a_mistake_that_begins_later_has_its_time(box):
+    def late(x):
+        x[30:] *= -1.0
+        return x
+
+    (one,) = wrong(box, changed(box.rollout({}, 1), "base_ang_vel", late))
+    assert "sign is wrong" in one.words
+    assert "from t = 0.6 s on" in one.words
+
+
+def test_other_gains_are_those_of_least_squares(box):
+    stiff = [p.name for e in box.effects() if e.name == "kp" for p in e.parameters]
+    trace = box.with_effects({"kp": dict.fromkeys(stiff, 1.5)}).rollout({}, 1)
+    (one,) = wrong(box, trace)
+    assert one.topic == "torque"
+    assert all("kp 4.5 for 3, kd 0.08 for 0.08" in row for row in one.table)
+    assert not one.certain  # a weak motor looks the same
+
+
+def test_no_physics_is_a_certain_mistake_of_the_loop(box):
+    for effect in box.effects():
+        for p in effect.parameters:
+            for value in {p.low, 0.5 * (p.nominal + p.high)} - {p.nominal}:
+                twin = box.with_effects({effect.name: {p.name: value}})
+                certain = [one.words for one in box.loop(twin.rollout({}, 2)) if one.certain]
+                assert not certain, (effect.name, p.name, value, certain)
+
+
+def test_a_log_without_a_channel_says_what_it_cannot_check(box):
+    trace = box.rollout({}, 1)
+    found = list(box.loop(trace.only(["obs", "action"])))
+    assert [one.topic for one in found if one.level == "ok"] == ["observation", "action"]
+    assert "base_lin_vel" in found[0].words
+    assert found[0].level == "note"
+
+
+def test_rounded_logs_and_short_ones_are_no_mistakes():
+    rng = np.random.default_rng(0)
+    e = rng.normal(size=(200, 3))
+    assert judged("x", e, np.round(e, 3), "abc").holds
+    assert judged("x", e, e.astype(np.float32).astype(float), "abc").holds
+    assert judged("x", e[:4], -e[:4], "abc").holds  # too few to tell
+    noisy = judged("x", e, e + 0.1 * rng.normal(size=e.shape), "abc")
+    assert not noisy.holds
+    assert noisy.mistake is None
+
+
+def test_the_command_and_a_diagnosis_say_it_before_any_estimate(box, tmp_path, s2r):
+    (tmp_path / "calm.stl").write_text("signal roll {rad}\nrequire calm: always[0, 0.5 s] (abs(roll) <= 4)\n")
+    (tmp_path / "run").mkdir()
+    for k in range(6):
+        logs.write(changed(box.rollout({}, k), "joint_vel", lambda x: -x), tmp_path / "run" / f"{k}.npz")
+    done = s2r("backends", "robot.toml", "--log", "run", code=1)
+    assert "joint_vel is -1 times as large: the sign is wrong" in done.stdout
+    found = s2r.json("backends", "robot.toml", "--log", "run", code=1)
+    assert found["recordings"] == 6
+    assert any(one["certain"] for one in found["loop"])
+    assert s2r.json("backends", "robot.toml", "--log", "run/0.npz", code=1)["recordings"] == 1
+    (tmp_path / "run" / "rollouts.csv").write_text("id\n" + "".join(f"{k}\n" for k in range(6)))
+    answer = diagnose("calm.stl", "robot.toml", "log:run", cache=tmp_path / "cache")
+    assert answer.exit_code == 3
+    assert not answer.tuned
+    assert [one.code for one in answer.evidence.findings] == ["loop"]
+    refused = s2r("backends", "turtlebot", "--log", "run", code=2).stderr
+    assert "robot files" in refused
