@@ -12,6 +12,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from s2r_mujoco.effects.physics import VARIANTS
 from s2r_mujoco.robot import Robot
 from s2r_mujoco.rollout import UNSTABLE, Record
 from s2r_mujoco.running import Running, running
@@ -35,12 +36,14 @@ class RobotBackend:
         duration: duration of a rollout [s]; 0 for that of the file.
         wanted: parameters of a specification, whose ranges count where no file states one.
         added: effects; more follow from ``EFFECT.PARAMETER=VALUE`` after the colon.
+        variant: name of another simulator of the same physics (:meth:`variants`).
     """
 
     text: str
     duration: float = 0.0
     wanted: tuple[Parameter, ...] = field(default=(), repr=False)
     added: Choice = ()
+    variant: str = field(default="", repr=False)
     deterministic: bool = field(default=True, init=False)
 
     def __post_init__(self) -> None:
@@ -156,7 +159,9 @@ class RobotBackend:
     @cached_property
     def model_hash(self) -> str:
         """Hash of the robot file, of every file that it names or includes, of versions and of this package."""
-        return self._robot.digest(repr(sorted(self._defaults.items())) + repr(self._choice or ""))
+        return self._robot.digest(
+            repr(sorted(self._defaults.items())) + repr(self._choice or "") + self.variant
+        )
 
     def with_duration(self, seconds: float) -> Self:
         """Return this backend with rollouts of this duration [s], rounded up to whole control periods."""
@@ -193,7 +198,9 @@ class RobotBackend:
         """
         refuse_unknown(self.name, self.parameters, params)
         test = self._defaults | {name: self._checked(name, value) for name, value in params.items()}
-        record = self._running.run(test, seed, self._ticks(self.duration) + 1, added=self._choice)
+        record = self._running.run(
+            test, seed, self._ticks(self.duration) + 1, added=self._choice, variant=self.variant
+        )
         return self._trace(record, {"params": test, "seed": seed})
 
     def render(self, params: Mapping[str, float], seed: int, path: str | Path) -> Trace:
@@ -206,7 +213,9 @@ class RobotBackend:
 
         robot, trace = self._robot, self.rollout(params, seed)
         test = self._defaults | dict(params)
-        record = self._running.run(test, seed, self._ticks(self.duration) + 1, added=self._choice)
+        record = self._running.run(
+            test, seed, self._ticks(self.duration) + 1, added=self._choice, variant=self.variant
+        )
         positions = record.qpos[: len(trace)]
         tiles = np.linspace(0, len(trace) - 1, TILES[0] * TILES[1]).round().astype(int)
         model = robot.file.compile(robot.changes(test), pictures=True)
@@ -221,6 +230,15 @@ class RobotBackend:
         yield from findings(self._robot, self.parameters)
         if run:
             yield from trials(self._running, self.parameters)
+
+    def variants(self) -> dict[str, Self]:
+        """Return name → this robot with another time step or contact model, each as plausible."""
+        touches = self._robot.plan.root >= 0
+        return {
+            name: replace(self, variant=name)
+            for name, changes in VARIANTS.items()
+            if touches or "softness" not in changes
+        }
 
     def loop(self, trace: Trace) -> Iterator[Finding]:
         """Yield what a log says of the control loop of the files; see :class:`s2r_spec.backend.HasLoop`."""

@@ -19,7 +19,7 @@ from s2r_mujoco.deploy import of_metadata, read_deployment
 from s2r_mujoco.deploy.record import Deployment
 from s2r_mujoco.description import read_description
 from s2r_mujoco.effects.catalogue import catalogue
-from s2r_mujoco.effects.physics import Physics
+from s2r_mujoco.effects.physics import VARIANTS, Physics
 from s2r_mujoco.failure import Failures
 from s2r_mujoco.model import FieldChange, ModelFile
 from s2r_mujoco.observation import Memory, Observer, Part, Parts
@@ -231,9 +231,10 @@ class Robot:
         pose = start_pose(self.model, self.plan, self.description.table.start, self.name)
         return catalogue(self.model, self.plan, pose, acts=self.policy is None)
 
-    def physics(self, added: Choice) -> Physics:
-        """Return what effects change."""
-        return add_effects(Physics.of(self.model), self.catalogue, added)
+    def physics(self, added: Choice, variant: str = "") -> Physics:
+        """Return what effects change, in the simulator of a variant."""
+        changes: Mapping[str, Any] = VARIANTS[variant] if variant else {}
+        return add_effects(replace(Physics.of(self.model), **changes), self.catalogue, added)
 
     @property
     def reach(self) -> float:

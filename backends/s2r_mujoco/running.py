@@ -46,17 +46,17 @@ class Running:
         self.robot.failures.check()
         self.simulator(values)
 
-    def simulator(self, values: Mapping[str, float], added: Choice = ()) -> Simulator:
+    def simulator(self, values: Mapping[str, float], added: Choice = (), variant: str = "") -> Simulator:
         """Return the simulator with the fields of a test, and with effects; the last ones are kept."""
         with self._explaining():  # a term of the user's own is called once for its width
-            return self._made(tuple(self.robot.changes(values).items()), added)
+            return self._made(tuple(self.robot.changes(values).items()), added, variant)
 
     @property
     def is_current(self) -> bool:
         """Whether every file is as it was when the robot was read."""
         return _stamps(self.robot) == self._stamps
 
-    def _make(self, changes: tuple[tuple[FieldChange, float], ...], added: Choice) -> Simulator:
+    def _make(self, changes: tuple[tuple[FieldChange, float], ...], added: Choice, variant: str) -> Simulator:
         if not self.is_current:  # a test with another field would be of another model than those before it
             raise UsageError(
                 f"a file of {self.robot.name} has changed since it was read; load the backend again, or begin a new run"
@@ -66,7 +66,7 @@ class Running:
             for term in self.robot.plan.terms
             if term.name in self.code
         }
-        physics = self.robot.physics(added) if added else None
+        physics = self.robot.physics(added, variant) if added or variant else None
         simulator = Simulator(self.robot.file.compile(dict(changes)), self.robot.plan, users, physics)
         self.robot.refuse_width(simulator.observer.parts)
         self._try(simulator)
@@ -92,6 +92,7 @@ class Running:
         ticks: int,
         command: Mapping[str, float] | None = None,
         added: Choice = (),
+        variant: str = "",
     ) -> Record:
         """Run one test.
 
@@ -101,6 +102,7 @@ class Running:
             ticks: control ticks to record.
             command: component → value instead of that of the test.
             added: effects.
+            variant: name of another simulator of the same physics.
 
         Raises:
             BackendError: the controller is at fault.
@@ -114,7 +116,7 @@ class Running:
         # An unstable rollout is an answer: no warning of NumPy, and no MUJOCO_LOG.TXT in the user's folder.
         mujoco.set_mju_user_warning(_silent)
         with self._lock, self._explaining(), np.errstate(over="ignore", invalid="ignore"):
-            simulator = self.simulator(values, added)
+            simulator = self.simulator(values, added, variant)
             pose = start_pose(simulator.model, robot.plan, table.start, robot.name)
             position, velocity = draw(simulator.model, robot.plan, table.start, seed)
             simulator.begin(pose + position, velocity, command, robot.plan.key, seed)

@@ -171,3 +171,14 @@ def test_robots_of_many_kinds_share_one_size_in_parts_of_each_scale(tmp_path):
     assert [(p.name, p.unit) for p in friction.parameters] == [("hinges", "")]
     added = arm._robot.physics((("dry_friction", (("hinges", 1.0),)),))
     assert np.allclose(added.friction, 0.05 * np.arange(1, 7))
+
+
+def test_variants_are_the_same_physics(box):
+    box = box.with_duration(0.1)
+    for name, variant in box.variants().items():
+        trace = variant.rollout({}, 1)
+        assert len(trace.times) == len(box.rollout({}, 1).times)
+        assert np.allclose(trace["q"], box.rollout({}, 1)["q"], atol=0.05)
+        assert variant.model_hash != box.model_hash, name
+    half = box.variants()["half the time step"]
+    assert not np.array_equal(half.rollout({}, 1)["q"], box.rollout({}, 1)["q"])

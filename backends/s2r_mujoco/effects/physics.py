@@ -31,6 +31,8 @@ class Physics:
         sensing, sending: delay of what the policy sees, and of its targets [s].
         sensing_jitter, sending_jitter: standard deviations of both, as shares of them.
         lag: time constant of the targets [s].
+        substeps: physics steps in place of one.
+        softness: factor of the time constants of contacts.
     """
 
     friction: FloatArray
@@ -52,6 +54,8 @@ class Physics:
     sending: float = 0.0
     sending_jitter: float = 0.0
     lag: float = 0.0
+    substeps: int = 1
+    softness: float = 1.0
 
     @classmethod
     def of(cls, model: Any) -> Self:
@@ -60,7 +64,7 @@ class Physics:
         return cls(none, none, none, same, same, same, same, none)
 
     def plan(self, plan: Plan) -> Plan:
-        """Return the plan with these gains."""
+        """Return the plan with these gains, and with more physics steps in a control period."""
         actuators = plan.joints.actuators
         law = replace(
             plan.law,
@@ -68,7 +72,7 @@ class Physics:
             damping=plan.law.damping * self.derivative[actuators],
             torque_limit=plan.law.torque_limit * self.limit[actuators],
         )
-        return replace(plan, law=law)
+        return replace(plan, law=law, decimation=plan.decimation * self.substeps)
 
     def change(self, model: Any, plan: Plan) -> None:
         """Change a compiled model whose actuators have the gains of :meth:`plan`."""
@@ -80,6 +84,9 @@ class Physics:
             self._load(model, root_body(model, plan))
         model.geom_friction[:] *= self.ground
         model.pair_friction[:] *= self.ground
+        model.opt.timestep /= self.substeps
+        for times in (model.geom_solref[:, 0], model.pair_solref[:, 0]):
+            times[times > 0.0] *= self.softness
         model.opt.gravity[:] = leaning(model.opt.gravity, *self.slope)
         mujoco.mj_setConst(model, mujoco.MjData(model))
 
@@ -104,6 +111,13 @@ class Physics:
         model.body_mass[body] = before + self.mass
         model.body_inertia[body] *= (before + self.mass) / before
         model.body_ipos[body] += self.centre
+
+
+VARIANTS: dict[str, dict[str, Any]] = {
+    "half the time step": {"substeps": 2},
+    "softer contacts": {"softness": 1.5},
+}
+"""Prior: simulators of the same physics, none better than the model itself; a judgement without a source."""
 
 
 def driven(model: Any) -> list[int]:
