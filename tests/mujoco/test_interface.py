@@ -1,5 +1,8 @@
 """The loop of a log beside that of the files: each simple mistake is named, and no physics is taken for one."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -128,6 +131,13 @@ def test_rounded_logs_and_short_ones_are_no_mistakes():
     assert noisy.mistake is None
 
 
+def test_a_factor_of_a_constant_is_seen():
+    command = np.tile([0.5, 0.0, 0.0], (50, 1))
+    found = judged("velocity_commands", command, 2.0 * command, "xyz")
+    assert found.mistake is not None
+    assert "2 times" in found.mistake.words
+
+
 def test_the_command_and_a_diagnosis_say_it_before_any_estimate(box, tmp_path, s2r):
     (tmp_path / "calm.stl").write_text("signal roll {rad}\nrequire calm: always[0, 0.5 s] (abs(roll) <= 4)\n")
     (tmp_path / "run").mkdir()
@@ -146,3 +156,11 @@ def test_the_command_and_a_diagnosis_say_it_before_any_estimate(box, tmp_path, s
     assert [one.code for one in answer.evidence.findings] == ["loop"]
     refused = s2r("backends", "turtlebot", "--log", "run", code=2).stderr
     assert "robot files" in refused
+
+
+def test_the_page_has_the_counts_of_the_benchmark():
+    root = Path(__file__).parents[2]
+    kept = json.loads((root / "benchmarks" / "results" / "go1_loops.json").read_text())
+    page = (root / "docs" / "how-to" / "policies.md").read_text()
+    assert f"names {kept['mistakes named with term and kind']} such mistakes" in page
+    assert kept["healthy machines without a finding"] == "6 of 6"

@@ -144,6 +144,8 @@ def _term(log: _Log, part: Part) -> FloatArray | None:
         term.name, ""
     )
     values, turn = log.channel(name), log.attitude
+    if values is None and name == "gravity" and turn is not None:
+        values = -turn[:, 2]
     if values is None or term.frame == "body" or (term.frame == "world" and name == "gravity"):
         return values
     if term.frame == "world":

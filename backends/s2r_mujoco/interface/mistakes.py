@@ -34,6 +34,8 @@ FACTORS = {
 """Definition: factor → what it usually means."""
 NEAR = 0.01
 """Tolerance: relative distance of a factor from a usual one."""
+COARSE = 0.01
+"""Tolerance: part of its range that the smallest step of a log may be, to be one of rounding."""
 FEWEST = 5
 """Budget: ticks from which on a mistake is looked for."""
 
@@ -186,4 +188,5 @@ def _rounding(values: FloatArray) -> float:
     """Return what a log rounds to: its smallest step, or that of 32-bit floats."""
     steps = np.diff(np.unique(values))
     single = float(np.finfo(np.float32).eps) * float(np.abs(values).max(initial=0.0))
-    return max(single, float(steps.min()) if steps.size and steps.min() > 4.0 * single else 0.0)
+    step = float(steps.min()) if steps.size else 0.0
+    return max(single, step if step <= COARSE * np.ptp(values) else 0.0)
