@@ -2,9 +2,8 @@
 
 Run: OMP_NUM_THREADS=1 python -m benchmarks.robots.machines [--rollouts 3] [--write]
 
-Every machine is a **twin**: MuJoCo with a step of 1 ms instead of 4, joints that rub by a Stribeck law, noise of every
-sensor, and a few percent of dry friction, payload, strength and offset. Its loop is written out here, and shares
-nothing with `backends/s2r_mujoco`. A log has what a robot logs: the measured state, `obs`, `action`, `target`, `tau`.
+Every machine is a **twin** (:mod:`.go1`) with small amounts of all effects. A log has what a robot logs: the measured
+state, `obs`, `action`, `target` and `tau`.
 
 For each mistake the command prints what ``s2r backends robot.toml --log`` says of these logs, and counts the mistakes
 that it names with their term and kind. Healthy machines must have none.
@@ -15,43 +14,16 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import mujoco
 import numpy as np
-import onnxruntime as ort
-from numpy.typing import NDArray
 
-from benchmarks.robots.public import GO1, ROBOTS
+from benchmarks.robots.go1 import TICK, Array, Edit, Machine, Mistake
+from benchmarks.robots.public import GO1
 from s2r_spec.backend import HasLoop, load_backend
-from s2r_spec.trace import Trace
 
 RESULT = Path(__file__).parents[1] / "results" / "go1_loops.json"
-SCENE = ROBOTS / "go1_playground" / "scene_mjx_feetonly_flat_terrain.xml"
-POLICY = ROBOTS / "go1_playground" / "go1_policy.onnx"
-STEP, TICK, SECONDS, SCALE = 0.001, 0.02, 5.0, 0.5
-"""Definition: physics step, control period and duration [s]; scale of the action."""
-NOISE = {"q": 0.002, "dq": 0.05, "gyro": 0.02, "linvel": 0.02, "quaternion": 0.002}
-"""Definition: standard deviation of each sensor's noise, in its unit."""
-FELL = 0.15
-"""Definition: height below which a robot has fallen [m]."""
-
-Array = NDArray[np.float64]
-Edit = Callable[[dict[str, Array], int, list[dict[str, Array]]], None]
-"""Changes the parts of an observation, from the number of the tick and the parts of all ticks so far."""
-
-
-@dataclass(frozen=True)
-class Mistake:
-    """A mistake, the quantity that it is in, and words of the sentence that names its kind."""
-
-    name: str
-    quantity: str
-    kind: str
-    observed: Edit | None = None
-    target: Callable[[Array, Array], Array] | None = None
 
 
 def term(name: str, change: Callable[[Array], Array]) -> Edit:
@@ -136,85 +108,6 @@ MISTAKES = (
 )  # fmt: skip
 
 
-class Machine:
-    """One Go1 with its own small faults, and a loop written out."""
-
-    def __init__(self, seed: int) -> None:
-        rng = np.random.default_rng(seed)
-        spec = mujoco.MjSpec.from_file(str(SCENE))
-        spec.option.timestep = STEP
-        self.model = spec.compile()
-        self.model.body_mass[1] += 0.3 * abs(rng.normal())
-        self.model.actuator_gainprm[:, 0] *= 1.0 + 0.01 * rng.normal()
-        self.rub, self.rise = 0.05 * abs(rng.normal()), 0.5
-        self.offset = 0.003 * rng.normal(size=12)
-        self.session = ort.InferenceSession(str(POLICY))
-        self.home = self.model.key_qpos[0][7:].copy()
-        self.rng = rng
-
-    def measured(self, data: mujoco.MjData) -> dict[str, Array]:
-        """Return what the sensors say now."""
-        r, noise = self.rng, NOISE
-        linvel, gyro, turn = data.sensor("local_linvel").data, data.sensor("gyro").data, np.zeros(9)
-        quaternion = data.qpos[3:7] + noise["quaternion"] * r.normal(size=4)
-        mujoco.mju_quat2Mat(turn, quaternion / np.linalg.norm(quaternion))
-        return {
-            "q": data.qpos[7:] + self.offset + noise["q"] * r.normal(size=12),
-            "dq": data.qvel[6:] + noise["dq"] * r.normal(size=12),
-            "gyro": gyro + noise["gyro"] * r.normal(size=3),
-            "linvel": linvel + noise["linvel"] * r.normal(size=3),
-            "quaternion": quaternion / np.linalg.norm(quaternion),
-            "attitude": turn,
-        }
-
-    def drive(self, vd: float, mistake: Mistake | None) -> Trace:
-        """Return the log of one run at a forward command [m/s]; it ends at a fall."""
-        data = mujoco.MjData(self.model)
-        mujoco.mj_resetDataKeyframe(self.model, data, 0)
-        data.qvel[6:] += 0.05 * self.rng.normal(size=12)
-        mujoco.mj_forward(self.model, data)
-        last, command, rows, past = np.zeros(12), np.array([vd, 0.0, 0.0]), [], []
-        for tick in range(round(SECONDS / TICK) + 1):
-            state = self.measured(data)
-            past.append(
-                {
-                    "local_linvel": state["linvel"], "gyro": state["gyro"],
-                    "projected_gravity": -state["attitude"].reshape(3, 3)[2],
-                    "joint_pos_rel": state["q"] - self.home, "joint_vel": state["dq"], "last_action": last,
-                    "velocity_commands": command, "attitude": state["attitude"],
-                }
-            )  # fmt: skip
-            parts = {name: value for name, value in past[-1].items() if name != "attitude"}
-            if mistake is not None and mistake.observed is not None:
-                mistake.observed(parts, tick, past)
-            observation = np.concatenate([*parts.values()]).astype(np.float32)
-            action = self.session.run(None, {"obs": observation[None]})[0][0].astype(np.float64)
-            target = self.home + SCALE * action
-            if mistake is not None and mistake.target is not None:
-                target = mistake.target(target, self.home)
-            data.ctrl[:] = target
-            torque = data.actuator_force.copy()
-            rows.append({**state, "obs": observation, "action": action, "target": target, "tau": torque})
-            last = action
-            for _ in range(round(TICK / STEP)):
-                v = data.qvel[6:]
-                data.qfrc_applied[6:] = (
-                    -self.rub * (1.0 + self.rise * np.exp(-((v / 0.1) ** 2))) * np.tanh(v / 0.02)
-                )
-                mujoco.mj_step(self.model, data)
-            if data.qpos[2] < FELL:
-                break
-        each = {name: np.array([row[name] for row in rows]) for name in rows[0] if name != "attitude"}
-        channels = {"local_linvel": each.pop("linvel"), **each}
-        channels |= {
-            "vx_cmd": np.full(len(rows), vd),
-            "vy_cmd": np.zeros(len(rows)),
-            "wz_cmd": np.zeros(len(rows)),
-        }
-        units = {"q": "rad", "dq": "rad/s", "tau": "N*m", "gyro": "rad/s", "local_linvel": "m/s"}
-        return Trace(TICK * np.arange(len(rows)), channels, units, {"source": "twin"})
-
-
 def main() -> None:
     """Print and count what the check says of every mistake, and of healthy machines."""
     parser = argparse.ArgumentParser(
@@ -230,9 +123,9 @@ def main() -> None:
         assert isinstance(robot, HasLoop)
         named, certain, rows = 0, 0, {}
         for seed, mistake in enumerate((*MISTAKES, *(given.healthy * [None]))):
-            machine, found = Machine(seed), {}
+            machine, found = Machine(seed, mistake=mistake), {}
             for vd in np.linspace(0.3, 0.7, given.rollouts).tolist():
-                for one in robot.loop(machine.drive(vd, mistake)):
+                for one in robot.loop(machine.drive(vd)):
                     if one.level == "wrong" and one.topic != "torque":
                         found[one.words] = one.certain
             name = mistake.name if mistake else f"healthy {seed - len(MISTAKES) + 1}"
