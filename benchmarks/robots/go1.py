@@ -79,7 +79,8 @@ class Machine:
         return self.physics.get(effect, {}).get(parameter, other)
 
     def _joints(self, effect: str, small: float, nominal: float = 0.0) -> Array:
-        return np.array(4 * [abs(self._one(effect, kind, small, nominal)) for kind in KINDS])
+        each = [self._one(effect, kind, small, nominal) for kind in KINDS]
+        return np.array(4 * (each if effect == "encoder_offset" else np.abs(each).tolist()))
 
     def _made(self) -> mujoco.MjModel:
         spec = mujoco.MjSpec.from_file(str(SCENE))
