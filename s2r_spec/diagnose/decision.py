@@ -16,7 +16,7 @@ the posterior mean of all. The better one counts. The first rule that holds deci
 | RIVALS | an effect is named, and more likely than not another one is large, too | confounded |
 | OPEN | an effect is named, and an allowed experiment would settle a possible one | confounded |
 | EFFECT | an effect is named | named |
-| EITHER | surely there is a cause, but it is not clear which | confounded |
+| EITHER | more likely than not an effect is large, or a named one does not count | confounded |
 | SPREAD | the gap shows | no single cause |
 | NONE | else | no material gap |
 
@@ -41,7 +41,6 @@ from s2r_spec.diagnose.gap.materiality import Materiality
 from s2r_spec.diagnose.gap.shares import GONE
 from s2r_spec.diagnose.inference.estimates import EffectEstimate, Status
 from s2r_spec.diagnose.inference.misfit import Misfit
-from s2r_spec.diagnose.inference.prior import SURE
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.residuals.left import Remainder
 
@@ -91,7 +90,6 @@ class Evidence:
 
     Attributes:
         effects: estimate of every effect.
-        any_cause: probability that some effect is at least a quarter of typical.
         further: possible effects, of which more likely than not one is at least a quarter of typical.
         misfit: what the most probable set leaves of the difference of the traces.
         separations: what other experiments would say about each possible effect.
@@ -100,7 +98,6 @@ class Evidence:
     """
 
     effects: tuple[EffectEstimate, ...]
-    any_cause: float
     further: tuple[str, ...] = ()
     misfit: Misfit | None = None
     separations: tuple[Separation, ...] = ()
@@ -168,6 +165,6 @@ class Evidence:
             return Rule.RIVALS
         if named:
             return Rule.OPEN if self.open else Rule.EFFECT
-        if self.any_cause >= SURE:
+        if self.named or self.further:
             return Rule.EITHER
         return Rule.SPREAD if shows else Rule.NONE

@@ -17,7 +17,7 @@ def refusal(
 ) -> Diagnosis:
     """Return the answer from recordings with mistakes that are certain."""
     return Diagnosis(
-        Which(Evidence((), 0.0, findings=broken), ()),
+        Which(Evidence((), findings=broken), ()),
         None,
         {},
         provenance(bench, seed, rollouts, 0),

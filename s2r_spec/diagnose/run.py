@@ -43,7 +43,6 @@ from s2r_spec.diagnose.gap.where import Pairs, Where, locate
 from s2r_spec.diagnose.inference.estimates import (
     EffectEstimate,
     Status,
-    any_cause,
     by_effects,
     effect_estimates,
     further_causes,
@@ -356,7 +355,6 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
     at_tests = compared_at_all_tests(bench, tests, nominal) if tests else None
     evidence = Evidence(
         sizes,
-        any_cause(fitted.posterior),
         further_causes(fitted.posterior, sizes),
         fitted.misfit,
         separations(forecast, [one.effect for one in with_status(sizes, Status.POSSIBLE)], candidates),

@@ -34,8 +34,8 @@ def reason(diagnosis: Diagnosis) -> str:
                 sentences.append(f"There is probably a further cause: {others}.")
             sentences += _remainder(diagnosis)
         case Rule.EITHER:
-            rivals = join_names([one.effect for one in which.possible], "or")
-            cause = f"There is a cause, but the data do not tell which: {rivals}."
+            rivals = join_names(diagnosis.evidence.further or diagnosis.evidence.named, "or")
+            cause = f"There is probably a cause, but the data do not settle it: {rivals}."
             sentences = [material, cause, *_closes(diagnosis)]
         case Rule.SPREAD:
             sentences = [material, "No cause stands out.", *_closes(diagnosis), *_mistake(diagnosis)]

@@ -49,8 +49,8 @@ SETTLED = Separation("b", ("a", "b"), ("a",), (Power(Candidate(Experiment("chirp
 A, MAYBE, AT_END = effect("a", 0.99), effect("b", 0.4), effect("a", 0.99, at_end=True)
 
 
-def evidence(effects=(A,), any_cause=0.99, **more):
-    return Evidence(tuple(effects), any_cause, **more)
+def evidence(effects=(A,), **more):
+    return Evidence(tuple(effects), **more)
 
 
 @pytest.mark.parametrize(
@@ -66,12 +66,12 @@ def evidence(effects=(A,), any_cause=0.99, **more):
         (evidence((AT_END,), held_out=far(0.7, 0.6)), Rule.END),
         (evidence((AT_END,), held_out=far(1.0, 0.95)), Rule.EFFECT),
         # Without a cause all effects together must close the gap.
-        (evidence((MAYBE,), 0.4, held_out=far(0.9)), Rule.SPREAD),
-        (evidence((MAYBE,), 0.4, held_out=far(0.7)), Rule.STAYS),
-        (evidence((MAYBE,), 0.97, held_out=far(0.9)), Rule.EITHER),
+        (evidence((MAYBE,), held_out=far(0.9)), Rule.SPREAD),
+        (evidence((MAYBE,), held_out=far(0.7)), Rule.STAYS),
+        (evidence((MAYBE,), further=("b",), held_out=far(0.9)), Rule.EITHER),
         # Motion that no effect explains counts until named effects close the gap.
         (evidence(held_out=far(1.0, 0.7), left=(PUSH,)), Rule.REMAINDER),
-        (evidence((MAYBE,), 0.4, held_out=far(1.0), left=(PUSH,)), Rule.REMAINDER),
+        (evidence((MAYBE,), held_out=far(1.0), left=(PUSH,)), Rule.REMAINDER),
         (evidence(held_out=far(1.0, 0.95), left=(PUSH,)), Rule.EFFECT),
         (evidence(held_out=far(1.0, 0.95, size=0.05), left=(PUSH,)), Rule.EFFECT),
         (evidence(held_out=far(1.0, 0.95), left=(replace(PUSH, surplus=0.9),)), Rule.EFFECT),
@@ -80,21 +80,21 @@ def evidence(effects=(A,), any_cause=0.99, **more):
         (evidence(findings=(SAME,)), Rule.ALIKE),
         (evidence(findings=(SAME, CLOCK)), Rule.MISTAKE),
         (evidence(findings=(SPIKE,)), Rule.EFFECT),
-        (evidence((), 0.0, findings=(CLOCK,)), Rule.NONE),
+        (evidence((), findings=(CLOCK,)), Rule.NONE),
         # A set that leaves more than a quarter of the misfit is rejected by size, where a misfit shows at all.
         (evidence(held_out=far(1.0, 0.95), misfit=EXPLAINED), Rule.EFFECT),
         (evidence(held_out=far(1.0, 0.95), misfit=UNEXPLAINED), Rule.LEFT),
-        (evidence((), 0.0, materiality=NOWHERE, misfit=UNEXPLAINED), Rule.LEFT),
+        (evidence((), materiality=NOWHERE, misfit=UNEXPLAINED), Rule.LEFT),
         (evidence(held_out=far(1.0, 0.95), misfit=SMALL), Rule.EFFECT),
         # A further cause that is needed, and is one of several, is no small matter.
         (evidence(held_out=far(1.0, 0.95), further=("b", "c")), Rule.RIVALS),
-        (evidence((), 0.0, further=("b",)), Rule.NONE),
+        (evidence((), further=("b",)), Rule.EITHER),
         # A named effect that would make a gap where there is none is no name of the cause.
-        (evidence((A,), 0.99, held_out=far(1.0, -39.0, size=0.05)), Rule.EITHER),
-        (evidence((), 0.0), Rule.NONE),
+        (evidence((A,), held_out=far(1.0, -39.0, size=0.05)), Rule.EITHER),
+        (evidence(()), Rule.NONE),
         # A large effect is there, whether or not this requirement sees it.
-        (evidence((MAYBE,), 0.97, held_out=far(0.9, size=0.05)), Rule.EITHER),
-        (evidence((MAYBE,), 0.9, held_out=far(0.9, size=0.05)), Rule.NONE),
+        (evidence((MAYBE,), further=("b",), held_out=far(0.9, size=0.05)), Rule.EITHER),
+        (evidence((MAYBE,), held_out=far(0.9, size=0.05)), Rule.NONE),
     ],
 )
 def test_the_first_rule_that_holds_decides(found, rule):
@@ -112,13 +112,13 @@ def test_the_first_rule_that_holds_decides(found, rule):
         {"held_out": far(0.9, size=0.05), "materiality": MATTERS},
     ],
 )
-@pytest.mark.parametrize("any_cause", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("further", [(), ("b",)])
 @pytest.mark.parametrize("left", [None, EXPLAINED, UNEXPLAINED])
-def test_no_material_gap_is_never_said_of_a_gap_that_shows(shown, any_cause, left):
-    found = evidence((), any_cause, misfit=left, **shown)
+def test_no_material_gap_is_never_said_of_a_gap_that_shows(shown, further, left):
+    found = evidence((), further=further, misfit=left, **shown)
     assert found.shows
     assert found.rule().verdict is not Verdict.NONE
-    assert not evidence((), any_cause, misfit=left, materiality=NOWHERE).shows
+    assert not evidence((), further=further, misfit=left, materiality=NOWHERE).shows
 
 
 @pytest.mark.parametrize("share", [-1.0, 0.0, 0.2, 0.4, 0.45])

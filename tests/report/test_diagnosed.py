@@ -67,11 +67,11 @@ def far_of(dim, closed=0.95, size=0.3):
     return compare(real, [np.zeros(len(tests)), *left], tests, 0.01, 0.02, "m")
 
 
-def diagnosis(dim=0, effects=EFFECTS, separation=SETTLED, test=NEXT, passive=False, any_cause=0.999, **more):
+def diagnosis(dim=0, effects=EFFECTS, separation=SETTLED, test=NEXT, passive=False, **more):
     spec, (_, place) = spec_of(dim), where_of(dim)
     known = {"held_out": far_of(dim), "materiality": materiality_of(dim)}
     known["separations"] = (separation,) if separation else ()
-    evidence = Evidence(effects, any_cause, **(known | more))
+    evidence = Evidence(effects, **(known | more))
     sets = ((("friction",), 0.7), (("friction", "delay"), 0.3))
     provenance = {
         "s2r": "0", "seed": 0, "spec_hash": spec.hash, "requirement": "near", "backend": "cart",
@@ -170,8 +170,8 @@ PUSH = Remainder("torque", 1, "FR calf", "", 0.5, 0.6, -3.25, "N*m", "s", 1.8)
 
 
 SURE = {"effects": (FRICTION, PAYLOAD), "separation": None}
-NONE = {"effects": (PAYLOAD,), "separation": None, "test": None, "any_cause": 0.1}
-EITHER = {"effects": (DELAY,)}
+NONE = {"effects": (PAYLOAD,), "separation": None, "test": None}
+EITHER = {"effects": (DELAY,), "further": ("delay",)}
 SMALL = {"held_out": far_of(0, size=0.012)}
 FALLS = {"held_out": None, "materiality": FELL}
 ODD = {"held_out": far_of(0, 0.6), "misfit": UNEXPLAINED}
@@ -183,19 +183,19 @@ SPIKE = Finding("spike", "u", "u is off")
     [
         (SURE, Rule.EFFECT, 0, "closes 9", "--apply FILE, then --sim patched"),
         ({}, Rule.OPEN, 3, "delay may be there", "run chirp"),
-        (EITHER, Rule.EITHER, 3, "do not tell which: delay", "run chirp"),
+        (EITHER, Rule.EITHER, 3, "do not settle it: delay", "run chirp"),
         (
             EITHER | {"test": None, "separation": NEVER},
             Rule.EITHER,
             3,
-            "tell which",
+            "do not settle it",
             "Measure delay directly",
         ),
         (
             EITHER | {"test": None, "separation": MISSING},
             Rule.EITHER,
             3,
-            "tell which",
+            "do not settle it",
             "Allow coast, or measure delay",
         ),
         (NONE, Rule.SPREAD, 3, "No cause stands out", "--apply FILE --tuned"),
