@@ -12,14 +12,14 @@ ROOT = Path(__file__).parents[2]
 RESULTS = ROOT / "benchmarks" / "blind" / "results"
 
 
-def test_the_page_has_the_scores_of_development_cases():
+SETS = ("turtlebot", "emps", "quad", "car", "segway", "arm", "a1")
+
+
+def test_the_page_has_the_scores_of_the_sealed_sets():
     page = (ROOT / "docs" / "explanation" / "diagnosis.md").read_text()
     lines = [line.split(" | ") for line in page.splitlines() if line.startswith("| ")]
     rows = {cells[0].strip("| "): [cell.strip(" |") for cell in cells[1:]] for cells in lines}
-    scores = [
-        json.loads((RESULTS / f"development_{name}.json").read_text())["scores"]
-        for name in ("turtlebot", "axis", "quad", "car", "segway", "arm")
-    ]
+    scores = [json.loads((RESULTS / f"{name}_scores.json").read_text())["scores"] for name in SETS]
     for words, key in {
         "effects of at least 0.25 that are named": "must be named, and are",
         "effects below 0.125 that are not named": "must not be named, and are not",
@@ -27,10 +27,29 @@ def test_the_page_has_the_scores_of_development_cases():
         "exit code 0, and something large is missing or false": "exit 0, and something large is missing or false",
         "large sizes in their 90 % intervals": "large sizes in the 90 % interval",
         "unknown causes called *none of these*": "unknown: none of these",
+        "healthy machines without a name": "healthy: nothing named",
     }.items():
         assert rows[words] == [one[key] for one in scores]
     error = "size error, rms, median over effects"
     assert rows["rms error of a size, median over effects"] == [f"{one[error]:.3f}" for one in scores]
+    baselines = json.loads((RESULTS / "baselines.json").read_text())
+    for words, method in {
+        "least squares of all sizes, the largest named": "joint",
+        "the best single effect": "single",
+        "the best single effect for ρ alone": "rho",
+    }.items():
+        each = [baselines[name][method] for name in SETS]
+        cells = [f"{one['must be named, and are']}; {one['machines with a false name']}" for one in each]
+        assert rows[f"{words}: named; false names"] == cells
+
+
+def test_the_manifests_are_those_of_the_opened_answers():
+    for name in SETS:
+        manifest = json.loads((RESULTS / f"{name}_manifest.json").read_text())
+        scored = json.loads((RESULTS / f"{name}_scores.json").read_text())
+        assert scored["frozen"] == manifest["frozen"]
+        assert scored["frozen"] < scored["opened"]
+        assert scored["cases"].keys() == manifest["answers"].keys()
 
 
 def test_the_page_has_the_ablation_of_the_error_model():
