@@ -126,6 +126,7 @@ def test_rounded_logs_and_short_ones_are_no_mistakes():
     assert judged("x", e, np.round(e, 3), "abc").holds
     assert judged("x", e, e.astype(np.float32).astype(float), "abc").holds
     assert judged("x", e[:4], -e[:4], "abc").holds  # too few to tell
+    assert judged("x", e, 1.005 * e, "abc").mistake is None  # a part in 200 is no mistake of a file
     noisy = judged("x", e, e + 0.1 * rng.normal(size=e.shape), "abc")
     assert not noisy.holds
     assert noisy.mistake is None

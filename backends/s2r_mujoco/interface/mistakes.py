@@ -33,7 +33,7 @@ FACTORS = {
 }
 """Definition: factor → what it usually means."""
 NEAR = 0.01
-"""Tolerance: relative distance of a factor from a usual one."""
+"""Tolerance: relative distance of a factor from a usual one, and from 1, where it is no mistake."""
 COARSE = 0.01
 """Tolerance: part of its range that the smallest step of a log may be, to be one of rounding."""
 FEWEST = 5
@@ -132,7 +132,8 @@ def _family(
             "late", f"is {ticks} tick{'s' * (ticks > 1)} late", f"{name}[k] = files[k − {ticks}]", made
         )
     factor = float((e * o).sum() / max((e * e).sum(), 1e-300))
-    yield Mistake("factor", _factor_words(factor), f"{name} = {factor:.4g} · files", factor * e)
+    if abs(factor - 1.0) > NEAR:
+        yield Mistake("factor", _factor_words(factor), f"{name} = {factor:.4g} · files", factor * e)
     yield from _signs(name, e, o, components)
     yield from _order(name, e, o, components)
     if turn is not None:
