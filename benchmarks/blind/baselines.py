@@ -189,7 +189,7 @@ def main() -> None:
     )
     parser.add_argument("sets", nargs="+", choices=tuple(SETS))
     parser.add_argument("--folder", type=Path, required=True)
-    parser.add_argument("--write", action="store_true", help="keep the rates in results/baselines.json")
+    parser.add_argument("--write", action="store_true", help="keep the rates of these sets in results/baselines.json")
     given = parser.parse_args()
     table: dict[str, dict[str, dict[str, str]]] = {}
     for name in given.sets:
@@ -205,7 +205,9 @@ def main() -> None:
         table[name] = {method: rates(own) for method, own in cases.items()}
         print(name, json.dumps(table[name], indent=1), flush=True)
     if given.write:
-        (RESULTS / "baselines.json").write_text(json.dumps(table, indent=1) + "\n")
+        path = RESULTS / "baselines.json"
+        before = json.loads(path.read_text()) if path.exists() else {}
+        path.write_text(json.dumps(before | table, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -27,7 +27,7 @@ def test_the_page_has_the_scores_of_the_sealed_sets():
         "exit code 0, and something large is missing or false": "exit 0, and something large is missing or false",
         "large sizes in their 90 % intervals": "large sizes in the 90 % interval",
         "unknown causes called *none of these*": "unknown: none of these",
-        "healthy machines without a name": "healthy: nothing named",
+        "healthy twins without a name": "healthy: nothing named",
     }.items():
         assert rows[words] == [one[key] for one in scores]
     error = "size error, rms, median over effects"
