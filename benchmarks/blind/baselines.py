@@ -189,7 +189,9 @@ def main() -> None:
     )
     parser.add_argument("sets", nargs="+", choices=tuple(SETS))
     parser.add_argument("--folder", type=Path, required=True)
-    parser.add_argument("--write", action="store_true", help="keep the rates of these sets in results/baselines.json")
+    parser.add_argument(
+        "--write", action="store_true", help="keep the rates of these sets in results/baselines.json"
+    )
     given = parser.parse_args()
     table: dict[str, dict[str, dict[str, str]]] = {}
     for name in given.sets:

@@ -7,6 +7,7 @@ Each command has its own file, without mathematics. Exit codes: 0 holds, 1 viola
 from __future__ import annotations
 
 import errno
+import os
 import sys
 import traceback
 
@@ -51,7 +52,10 @@ def main(application: typer.Typer = app) -> None:
     except SystemExit as end:
         cause = end.__context__
         if isinstance(cause, OSError) and cause.errno == errno.EPIPE:
-            # The parser's exit code 1 would mean that the requirement is violated.
+            # The parser's exit code 1 would mean that the requirement is violated, and a failed flush at exit 120.
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            for stream in (sys.stdout, sys.stderr):
+                os.dup2(nowhere, stream.fileno())
             sys.exit(UNREAD)
         # The parser of the command line prints its errors on stderr only.
         if as_json and end.code == 2 and not common.answered.is_set():

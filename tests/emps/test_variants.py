@@ -65,7 +65,7 @@ def test_a_delay_differs_from_a_lag_by_what_a_screw_does_that_yields():
     )
     apart, bent = lag - delay, yielding - rigid
     millivolts = [1000 * np.sqrt(np.mean(x**2)) for x in (apart, bent)]
-    page = (Path(__file__).parents[2] / "benchmarks" / "blind" / "HISTORY.md").read_text()
+    page = (Path(__file__).parents[2] / "benchmarks" / "blind" / "README.md").read_text()
     for value in millivolts:
         assert f" {value:.1f} mV" in page
     assert np.corrcoef(apart, bent)[0, 1] > 0.9
