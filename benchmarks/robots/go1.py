@@ -10,6 +10,7 @@ It is a **twin**. It shares the model's file and the policy with `backends/s2r_m
 | payload | added to the root's mass | a box on the back |
 | delays | blend of two ticks | a queue of messages with 10 % of jitter |
 | sensors | exact | noise of each, and encoders with offsets |
+| `tau` | within the physics step after the sample | the same; a robot may report the torque before the tick's target |
 """
 
 from __future__ import annotations
@@ -161,11 +162,11 @@ class Machine:
             target = self.home + SCALE * action
             if mistake is not None and mistake.target is not None:
                 target = mistake.target(target, self.home)
-            torque, heading = data.actuator_force.copy(), np.arctan2(*data.xmat[1].reshape(3, 3)[[1, 0], 0])
+            heading = np.arctan2(*data.xmat[1].reshape(3, 3)[[1, 0], 0])
             vx = data.qvel[0] * np.cos(heading) + data.qvel[1] * np.sin(heading)
             rows.append(
                 {
-                    **state, "obs": observation, "action": action, "target": target, "tau": torque,
+                    **state, "obs": observation, "action": action, "target": target,
                     "vx": np.array(vx + NOISE["vx"] * self.rng.normal()), "height": data.qpos[2].copy(),
                 }
             )  # fmt: skip
@@ -177,6 +178,9 @@ class Machine:
                 data.ctrl[:] = arrived - self.offset
                 data.qfrc_applied[6:] = self._friction(data.qvel[6:])
                 mujoco.mj_step(self.model, data)
+                rows[-1].setdefault(
+                    "tau", data.actuator_force.copy()
+                )  # that of the tick's own target, as simulated
             if data.qpos[2] < FELL:
                 break
         return _trace(rows, vd)
