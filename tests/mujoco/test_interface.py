@@ -103,6 +103,15 @@ def test_other_gains_are_those_of_least_squares(box):
     assert not one.certain  # a weak motor looks the same
 
 
+def test_a_torque_from_before_the_target_of_the_tick_has_its_gains(box):
+    trace = box.rollout({}, 1)
+    before = np.concatenate([trace["target"][:1], trace["target"][:-1]])
+    late = 3.0 * (before - trace["q"]) - 0.08 * trace["dq"]
+    (one,) = (one for one in box.loop(changed(trace, "tau", lambda x: late)) if one.topic == "torque")
+    assert one.level == "ok"
+    assert "tick before" in one.words
+
+
 def test_no_physics_is_a_certain_mistake_of_the_loop(box):
     for effect in box.effects():
         for p in effect.parameters:

@@ -247,27 +247,48 @@ def _torque(log: _Log) -> Iterator[Finding]:
     if target is None or position is None or speed is None or torque is None or target.shape[1] != len(order):
         return
     stated = _gains(log.robot.model, log.plan)
+    able = [
+        (column, k)
+        for column, k in enumerate(order.tolist())
+        if law.has_target[k] and not law.speed[k] and np.isfinite(stated[k]).all()
+    ]
+    fits = []
+    for back in (0, 1):  # a robot may report the torque from before the target of the tick
+        rows = slice(back, None)
+        sent = target[: len(target) - back]
+        each = [
+            (
+                column,
+                k,
+                *_fit(sent[:, column] - position[rows, column], speed[rows, column], torque[rows, column]),
+            )
+            for column, k in able
+        ]
+        fits.append((float(np.sum([error for *_, error in each])), back, each))
+    _, back, each = min(fits, key=lambda one: one[:2])
     wrong = []
-    for column, k in enumerate(order.tolist()):
-        if not law.has_target[k] or law.speed[k] or not np.isfinite(stated[k]).all():
-            continue
-        limit = np.abs(torque[:, column]).max(initial=0.0) * SATURATED
-        free = np.abs(torque[:, column]) < limit
-        x = np.stack([target[:, column] - position[:, column], -speed[:, column]], axis=1)[free]
-        if len(x) < FEWEST or np.linalg.matrix_rank(x) < 2:
-            continue
-        kp, kd = np.linalg.lstsq(x, torque[free, column], rcond=None)[0]
+    for column, k, kp, kd, _ in each:
         far = [
             abs(one - other) > GAIN * max(other, 1e-9) for one, other in zip((kp, kd), stated[k], strict=True)
         ]
         if far[0] or (far[1] and stated[k][1] > 0.0):
             damped = f", kd {kd:.3g} for {stated[k][1]:.3g}" if stated[k][1] > 0.0 else ""
-            damped = f", kd {kd:.3g} for {stated[k][1]:.3g}" if stated[k][1] > 0.0 else ""
             wrong.append(f"{names[column]}: kp {kp:.3g} for {stated[k][0]:.3g}{damped}")
+    words = f"kp (target − q) − kd q̇{', with the target of the tick before,' if back else ''}"
     if wrong:
-        yield Finding("torque", "kp (target − q) − kd q̇ holds with other gains", "wrong", tuple(wrong))
-    else:
-        yield Finding("torque", "kp (target − q) − kd q̇ with the stated gains")
+        yield Finding("torque", f"{words} holds with other gains", "wrong", tuple(wrong))
+    elif each:
+        yield Finding("torque", f"{words} with the stated gains")
+
+
+def _fit(error: FloatArray, speed: FloatArray, torque: FloatArray) -> tuple[float, float, float]:
+    """Return kp, kd and the sum of squares that they leave, by least squares where the torque is below its limit."""
+    free = np.abs(torque) < SATURATED * np.abs(torque).max(initial=0.0)
+    x = np.stack([error, -speed], axis=1)[free]
+    if len(x) < FEWEST or np.linalg.matrix_rank(x) < 2:
+        return np.nan, np.nan, 0.0
+    gains = np.linalg.lstsq(x, torque[free], rcond=None)[0]
+    return float(gains[0]), float(gains[1]), float(np.sum((torque[free] - x @ gains) ** 2))
 
 
 def _gains(model: Any, plan: Any) -> FloatArray:
