@@ -112,6 +112,21 @@ def test_a_torque_from_before_the_target_of_the_tick_has_its_gains(box):
     assert "tick before" in one.words
 
 
+def test_a_log_of_another_rate_is_not_judged(box):
+    trace = box.rollout({}, 1)
+    channels = {name: np.repeat(np.asarray(trace[name]), 10, axis=0) for name in trace.channels}
+    times = np.arange(len(channels["q"])) * 0.002
+    (one,) = box.loop(Trace(times, channels, trace.units, trace.meta))
+    assert one.level == "note"
+    assert "every 2 ms" in one.words
+    assert "20 ms" in one.words
+
+
+def test_gains_that_a_log_does_not_show_are_not_called_right(box):
+    trace = changed(box.rollout({}, 1), "tau", lambda x: 0.0 * x)
+    assert not [one for one in box.loop(trace) if one.topic == "torque"]
+
+
 def test_no_physics_is_a_certain_mistake_of_the_loop(box):
     for effect in box.effects():
         for p in effect.parameters:

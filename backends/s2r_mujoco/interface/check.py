@@ -27,6 +27,8 @@ SATURATED = 0.98
 """Tolerance: part of its limit from which on a torque says nothing of the gains."""
 GAIN = 0.03
 """Tolerance: relative error of a gain."""
+RATE = 0.05
+"""Tolerance: relative distance of a log's period from the control period."""
 STAMPS = 0.2
 """Tolerance: relative error that messages make which are not of the same instant."""
 
@@ -37,6 +39,10 @@ def loop_findings(robot: Robot, trace: Trace) -> Iterator[Finding]:
         yield Finding("loop", "the controller is a function in Python, whose loop no file states", "note")
         return
     log = _Log(robot, trace)
+    if abs(log.period / robot.plan.step - 1.0) > RATE:
+        words = f"the log has a row every {1e3 * log.period:.3g} ms, and the control period is"
+        yield Finding("loop", f"{words} {1e3 * robot.plan.step:.3g} ms: log one row a tick", "note")
+        return
     yield from _observation(log)
     yield from _action(log)
     yield from _target(log)
@@ -48,6 +54,11 @@ class _Log:
 
     def __init__(self, robot: Robot, trace: Trace) -> None:
         self.robot, self.trace, self.plan = robot, trace, robot.plan
+
+    @property
+    def period(self) -> float:
+        """Median time between two rows [s]; infinite for one row."""
+        return float(np.median(np.diff(self.trace.times))) if len(self.trace) > 1 else np.inf
 
     def channel(self, name: str) -> FloatArray | None:
         """Return (n, w) a channel; None where the log lacks it."""
@@ -86,7 +97,7 @@ def _observation(log: _Log) -> Iterator[Finding]:
     for k, part in enumerate(observer.parts):
         raw = _term(log, part)
         if raw is not None:
-            expected[part.name] = _scaled(part, raw, observer.scales[ends[k] : ends[k + 1]])
+            expected[part.name] = _scaled(log, part, raw, observer.scales[ends[k] : ends[k + 1]])
     unknown = [part.name for part in observer.parts if part.name not in expected]
     if unknown:
         yield Finding(
@@ -100,7 +111,7 @@ def _observation(log: _Log) -> Iterator[Finding]:
         if part.term.name == "joint_pos_rel":
             whole = log.joints("q", _names(log, part))
             assert whole is not None
-            scaled = _scaled(part, whole, observer.scales[ends[k] : ends[k + 1]])
+            scaled = _scaled(log, part, whole, observer.scales[ends[k] : ends[k + 1]])
             others["the positions without the default pose subtracted"] = scaled
         turn = log.attitude if part.senses in ("vector", "angular") else None
         # At t = 0 the last action and a history begin by rules of the files, which a log need not share.
@@ -137,7 +148,8 @@ def _term(log: _Log, part: Part) -> FloatArray | None:
         each = [log.channel(name) for name in ("vx_cmd", "vy_cmd", "wz_cmd")]
         return None if any(one is None for one in each) else np.concatenate(each, axis=1)  # type: ignore[arg-type]
     if term.name == "phase":
-        return np.array([part.read(k) for k in range(len(log.trace))])
+        ticks = np.round(log.trace.times / plan.step).astype(int)
+        return np.array([part.read(int(tick)) for tick in ticks])
     if term.sensor:
         return log.channel(term.sensor)
     name = {"base_lin_vel": "velocity", "base_ang_vel": "omega", "projected_gravity": "gravity"}.get(
@@ -182,13 +194,15 @@ def _names(log: _Log, part: Part) -> list[str]:
     return list("xyz") if part.width == 3 else [str(k) for k in range(part.width)]
 
 
-def _scaled(part: Part, values: FloatArray, scale: FloatArray) -> FloatArray:
+def _scaled(log: _Log, part: Part, values: FloatArray, scale: FloatArray) -> FloatArray:
     """Return the clipped and scaled values of a term."""
-    term = part.term
+    term, whole = part.term, log.plan.observation_clip
     if term.clip is not None and term.clip_first:
         values = np.clip(values, *term.clip)
     values = values * scale
-    return np.clip(values, *term.clip) if term.clip is not None and not term.clip_first else values
+    if term.clip is not None and not term.clip_first:
+        values = np.clip(values, *term.clip)
+    return values if whole is None else np.clip(values, *whole)
 
 
 def _action(log: _Log) -> Iterator[Finding]:
@@ -266,6 +280,7 @@ def _torque(log: _Log) -> Iterator[Finding]:
         ]
         fits.append((float(np.sum([error for *_, error in each])), back, each))
     _, back, each = min(fits, key=lambda one: one[:2])
+    each = [one for one in each if np.isfinite(one[2])]
     wrong = []
     for column, k, kp, kd, _ in each:
         far = [
