@@ -9,7 +9,7 @@ Units: SI; in a robot with many kinds of joints, parts of a scale.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from math import radians
 from typing import Any
@@ -98,31 +98,24 @@ def _of_motors(model: Any, plan: Plan, kinds: Sequence[Kind]) -> Iterator[ModelE
         "motor_strength", "actuation", "Motors give this part of the torque that they should.",
         *factors("strength", 0.4, 1.3, normal, every),
     )  # fmt: skip
-    limited = {
-        kind.name: own
-        for kind in kinds
-        if (own := kind.actuators[_is_limited(model, plan, kind.actuators)]).size
-    }
+    limited = _of_kinds(kinds, lambda own: _is_limited(model, plan, own))
     if limited:
         yield ModelEffect.of(
             "torque_limit", "actuation", "Motors reach this part of their largest torque.",
             *factors("limit", 0.0, 1.0, "1 minus half-normal, 0.25", limited),
         )  # fmt: skip
-    servos = {
-        kind.name: own
-        for kind in kinds
-        if (own := kind.actuators[_has_gains(model, plan, kind.actuators)]).size
-    }
+    servos = _of_kinds(kinds, lambda own: _has_gains(model, plan, own))
     if servos:
         prior = "normal around 1, standard deviation 0.15"
-        yield ModelEffect.of(
-            "kp", "actuation", "The stiffness of the joints' position control is this part of the stated one.",
-            *factors("stiffness", 0.3, 1.75, prior, servos),
-        )  # fmt: skip
-        yield ModelEffect.of(
-            "kd", "actuation", "The damping of the joints' position control is this part of the stated one.",
-            *factors("derivative", 0.3, 1.75, prior, servos),
-        )  # fmt: skip
+        for name, word, field in (("kp", "stiffness", "stiffness"), ("kd", "damping", "derivative")):
+            words = f"The {word} of the joints' position control is this part of the stated one."
+            yield ModelEffect.of(name, "actuation", words, *factors(field, 0.3, 1.75, prior, servos))
+
+
+def _of_kinds(kinds: Sequence[Kind], able: Callable[[IntArray], Any]) -> dict[str, IntArray]:
+    """Return kind → its able actuators, for kinds that have some."""
+    found = {kind.name: kind.actuators[able(kind.actuators)] for kind in kinds}
+    return {name: own for name, own in found.items() if own.size}
 
 
 def _is_limited(model: Any, plan: Plan, actuators: IntArray) -> Any:

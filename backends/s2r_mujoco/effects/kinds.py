@@ -11,8 +11,7 @@ import mujoco
 import numpy as np
 
 from s2r_mujoco.arrays import FloatArray, IntArray
-from s2r_mujoco.effects.physics import driven
-from s2r_mujoco.joints import name_of, scalar_joints
+from s2r_mujoco.joints import actuator_of, name_of, scalar_joints
 from s2r_mujoco.plan import Plan
 
 SIDES = frozenset(
@@ -74,8 +73,7 @@ def kinds_of(model: Any) -> list[Kind]:
 
 
 def _kind(model: Any, name: str, joints: Sequence[int], slides: bool) -> Kind:
-    of_joint = {joint: actuator for actuator, joint in reversed(list(enumerate(driven(model)))) if joint >= 0}
-    index = np.array(joints, dtype=np.intp)
+    of_joint, index = actuator_of(model), np.array(joints, dtype=np.intp)
     actuators = np.array([of_joint[j] for j in joints if j in of_joint], dtype=np.intp)
     return Kind(name, index, model.jnt_dofadr[index].astype(np.intp), actuators, slides)
 
@@ -92,9 +90,7 @@ def scales_of(model: Any, plan: Plan, pose: FloatArray) -> tuple[FloatArray, Flo
     mujoco.mj_fullM(model, data, matrix)
     inertia = np.diag(matrix).copy()
     torque = np.maximum(np.abs(data.qfrc_bias), 2.0 * np.pi * ACCELERATION * inertia)
-    for actuator, joint in enumerate(driven(model)):
-        if joint < 0:
-            continue
+    for joint, actuator in actuator_of(model).items():
         limits = _limits(model, actuator, joint)
         own = np.flatnonzero(plan.joints.actuators == actuator)
         limits += plan.law.torque_limit[own].tolist()

@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 
 from s2r_mujoco.arrays import FloatArray
+from s2r_mujoco.joints import actuator_of
 from s2r_mujoco.plan import Plan
 
 
@@ -101,8 +102,8 @@ class Physics:
         model.actuator_forcerange[:] *= self.limit[:, None]
         plain = model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE
         model.actuator_ctrlrange[plain] *= self.limit[plain, None]
-        for actuator, joint in enumerate(driven(model)):
-            if joint >= 0 and model.jnt_actfrclimited[joint]:
+        for joint, actuator in actuator_of(model).items():
+            if model.jnt_actfrclimited[joint]:
                 model.jnt_actfrcrange[joint] *= self.limit[actuator]
 
     def _load(self, model: Any, body: int) -> None:
@@ -118,13 +119,6 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "softer contacts": {"softness": 1.5},
 }
 """Prior: simulators of the same physics, none better than the model itself; a judgement without a source."""
-
-
-def driven(model: Any) -> list[int]:
-    """Return the joint of every actuator; −1 for one that drives no joint."""
-    joints = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
-    kinds = zip(model.actuator_trntype.tolist(), model.actuator_trnid[:, 0].tolist(), strict=True)
-    return [target if kind in [int(one) for one in joints] else -1 for kind, target in kinds]
 
 
 def root_body(model: Any, plan: Plan) -> int:
