@@ -186,7 +186,7 @@ def test_a_first_robot_file_from_the_files(cart):
 def test_new_and_backends_run_no_code_of_the_user(cart):
     (cart.folder / "control.py").write_text(
         "from pathlib import Path\n\nPath(__file__).with_suffix('.ran').touch()\n\n\n"
-        "def act(model, data, command):\n    print(data.time)\n    return 1.0\n"
+        "def act(model, data, command):\n    print(data.time)\n    return 0.0\n"
     )
     cart("new", "own.toml", "--model", "cart.xml", "--policy", "control.py:act", code=0)
     (cart.folder / "own.toml").write_text('policy = "control.py:act"\n' + COMMON)
