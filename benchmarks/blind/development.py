@@ -33,13 +33,9 @@ from benchmarks.blind.emps.cases import plan, realise
 from benchmarks.blind.emps.generate import BATCH, BUDGETS, kinds_of, write_case
 from benchmarks.blind.outsiders.cases import make_case
 from benchmarks.blind.outsiders.generate import MACHINES as OUTSIDERS
-from benchmarks.blind.scoring import Axes, Scored, paired, scores
+from benchmarks.blind.scoring import Axes, Scored, acting_axes, paired, scores
 from s2r_spec.backend import load_backend
 from s2r_spec.diagnose import diagnose
-from s2r_spec.diagnose.simulator.axes import EffectAxis, effect_axes
-from s2r_spec.diagnose.simulator.experiments import Experiment
-from s2r_spec.diagnose.simulator.library import acting_parameters
-from s2r_spec.effects import catalogue_of
 from s2r_spec.spec import load_spec
 
 ROOT = Path(__file__).parents[2]
@@ -71,15 +67,8 @@ def spec_of(machine: str) -> Path:
 
 @cache
 def axes(machine: str) -> Axes:
-    """Return effect → axes of the parameters that act alone, in tests at the ends and the middle of the test space."""
-    backend, space = load_backend(simulator(machine)), load_spec(spec_of(machine)).space
-    points = [space.lower + part * (space.upper - space.lower) for part in (0.0, 0.5, 1.0)]
-    able = acting_parameters(backend, [Experiment.test(space.point(point)) for point in points])
-    found: dict[str, tuple[EffectAxis, ...]] = {}
-    for axis in effect_axes(catalogue_of(backend), able):
-        if not axis.base:
-            found[axis.effect] = (*found.get(axis.effect, ()), axis)
-    return found
+    """Return effect → axes of the parameters of a machine's catalogue that act alone."""
+    return acting_axes(load_backend(simulator(machine)), load_spec(spec_of(machine)).space)
 
 
 def generate(machine: str, count: int, seed: int, out: Path) -> list[str]:

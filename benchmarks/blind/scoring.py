@@ -14,7 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from s2r_spec.diagnose.simulator.axes import EffectAxis
+from s2r_spec.backend import Backend
+from s2r_spec.diagnose.simulator.axes import EffectAxis, effect_axes
+from s2r_spec.diagnose.simulator.experiments import Experiment
+from s2r_spec.diagnose.simulator.library import acting_parameters
+from s2r_spec.effects import catalogue_of
+from s2r_spec.space import Space
 
 MUST, MUST_NOT = 0.25, 0.125
 """Definition: size, in typical sizes, from which on an effect must be named, and below which it must not be."""
@@ -29,6 +34,17 @@ Label = Mapping[str, Any]
 Answer = Mapping[str, Any]
 Axes = Mapping[str, tuple[EffectAxis, ...]]
 """Effect → axes of the parameters that act alone."""
+
+
+def acting_axes(backend: Backend, space: Space) -> Axes:
+    """Return effect → axes of the parameters that act alone, in tests at the ends and the middle of a test space."""
+    points = [space.lower + part * (space.upper - space.lower) for part in (0.0, 0.5, 1.0)]
+    able = acting_parameters(backend, [Experiment.test(space.point(point)) for point in points])
+    found: dict[str, tuple[EffectAxis, ...]] = {}
+    for axis in effect_axes(catalogue_of(backend), able):
+        if not axis.base:
+            found[axis.effect] = (*found.get(axis.effect, ()), axis)
+    return found
 
 
 def ranked(answer: Answer) -> list[tuple[frozenset[str], float]]:

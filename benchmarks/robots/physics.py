@@ -20,13 +20,13 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.blind.scoring import Axes, Scored, scores
+from benchmarks.blind.scoring import Axes, Scored, acting_axes, scores
 from benchmarks.robots.go1 import KINDS, Machine
 from benchmarks.robots.public import GO1
-from s2r_spec.backend import Backend, load_backend
+from s2r_spec.backend import load_backend
 from s2r_spec.diagnose import diagnose
-from s2r_spec.diagnose.simulator.axes import EffectAxis, effect_axes
-from s2r_spec.effects import catalogue_of
+from s2r_spec.diagnose.simulator.axes import EffectAxis
+from s2r_spec.spec import load_spec
 
 RESULT = Path(__file__).parents[1] / "results" / "go1_physics.json"
 SPEC = """\
@@ -44,15 +44,6 @@ CAUSES = (
 """Definition: effects of the catalogue that the generator has a law of its own for."""
 HEALTHY = 4
 """Definition: every so many machines one is healthy."""
-
-
-def axes_of(robot: Backend) -> Axes:
-    """Return effect → axes of the parameters that act alone."""
-    found: dict[str, tuple[EffectAxis, ...]] = {}
-    for axis in effect_axes(catalogue_of(robot)):
-        if axis.parameter != "jitter":
-            found[axis.effect] = (*found.get(axis.effect, ()), axis)
-    return found
 
 
 def physics_of(number: int, axes: Axes) -> dict[str, dict[str, float]]:
@@ -103,7 +94,7 @@ def main() -> None:
     (given.folder / "go1.toml").write_text(GO1)
     (given.folder / "walk.stl").write_text(SPEC)
     robot = load_backend(str(given.folder / "go1.toml"))
-    axes, cases = axes_of(robot), []
+    axes, cases = acting_axes(robot, load_spec(given.folder / "walk.stl").space), []
     for number in range(given.cases):
         physics, path = physics_of(number, axes), given.folder / f"{number:02d}.json"
         if not path.exists():
