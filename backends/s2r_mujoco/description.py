@@ -87,6 +87,8 @@ class TermTable(_Table):
     newest_first: bool = False
     frame: str = "body"
     joints: tuple[str, ...] = ()
+    order: tuple[Annotated[int, Field(ge=0)], ...] = ()
+    late: int = Field(default=0, ge=0, le=MOST_HISTORY)
 
     @model_validator(mode="after")
     def _one(self) -> Self:
@@ -97,7 +99,8 @@ class TermTable(_Table):
         kind = "phase" if self.phase is not None else self.term or "sensor"
         own = {"unit": "phase", "start": "phase", "parts": "phase", "joints": "joint_", "frame": "base_"}
         for key in self.model_fields_set & own.keys():
-            if not kind.startswith(own[key]) and (key, kind) != ("frame", "projected_gravity"):
+            others = {("frame", "projected_gravity"), ("frame", "sensor")}
+            if not kind.startswith(own[key]) and (key, kind) not in others:
                 raise ValueError(f"a term {kind!r} has no {'as' if key == 'parts' else key}; leave it out")
         return self
 
@@ -105,7 +108,8 @@ class TermTable(_Table):
         """Return the term; ``source`` is its place, for messages."""
         name = self.term or ("sensor" if self.sensor else "phase")
         shared = {
-            name: getattr(self, name) for name in ("scale", "clip", "history", "newest_first", "frame")
+            name: getattr(self, name)
+            for name in ("scale", "clip", "history", "newest_first", "frame", "order", "late")
         } | {"names": self.joints}
         if self.phase is None:
             return Term(name, sensor=self.sensor, source=source, **shared)
@@ -120,6 +124,7 @@ class ActionTable(_Table):
     offset: PerJoint = ()
     clip: Limits | None = None
     joints: tuple[str, ...] = ()
+    order: tuple[Annotated[int, Field(ge=0)], ...] = ()
     pd: Literal["explicit", "implicit"] | None = None
     stiffness: PerJoint = ()
     damping: PerJoint = ()

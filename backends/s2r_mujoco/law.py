@@ -43,7 +43,19 @@ class Law:
         torque_limit: largest torque [N·m]; inf without one.
         unit: joint torque at a control of 1, in the model's file [N·m]. A test that changes a gear or a gain makes a
             motor stronger or weaker than the controller assumes.
+        order: (n,) joint i gets the target of joint order[i]; None where each gets its own.
     """
+
+    def targets(self, action: FloatArray, pose: FloatArray) -> FloatArray:
+        """Return (..., n) targets of all joints for (..., k) actions within their limits; (n,) is the default pose."""
+        target = self.offset + self.scale * action
+        if self.clip_target is not None:
+            target = np.clip(target, *self.clip_target)
+        if len(self.moved) < pose.size:
+            whole = np.broadcast_to(pose, (*action.shape[:-1], pose.size)).copy()
+            whole[..., self.moved] = target
+            target = whole
+        return target if self.order is None else target[..., self.order]
 
     scale: FloatArray
     offset: FloatArray
@@ -57,6 +69,7 @@ class Law:
     damping: FloatArray
     torque_limit: FloatArray
     unit: FloatArray
+    order: IntArray | None = None
 
     @property
     def has_target(self) -> NDArray[np.bool_]:
@@ -134,7 +147,14 @@ def law_of(
         damping=np.zeros(n) if damping is None else damping,
         torque_limit=np.full(n, np.inf) if limit is None else limit,
         unit=torque_units(model, joints),
+        order=_order(action.order, n, name),
     )
+
+
+def _order(order: Sequence[int], joints: int, source: str) -> IntArray | None:
+    if order and sorted(order) != list(range(joints)):
+        raise UsageError(f"{source}: action.order must have each number from 0 to {joints - 1} once")
+    return np.array(order, dtype=np.intp) if order else None
 
 
 def torque_units(model: Any, joints: Joints) -> FloatArray:

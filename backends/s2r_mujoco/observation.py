@@ -141,7 +141,14 @@ class Parts:
         sensor = names.index(term.sensor)
         first, width = int(model.sensor_adr[sensor]), int(model.sensor_dim[sensor])
         values = self._data.sensordata[first : first + width]
-        return sensed(model, sensor, term, lambda tick: values)
+        if term.frame == "body":
+            return sensed(model, sensor, term, lambda tick: values)
+        if term.frame != "world" or width != 3 or model.sensor_objtype[sensor] != mujoco.mjtObj.mjOBJ_SITE:
+            raise UsageError(
+                f'{term.source}: a sensor of three numbers at a site has frame = "body" or "world", not {term.frame!r}'
+            )
+        matrix = self._data.site_xmat[int(model.sensor_objid[sensor])].reshape(3, 3)
+        return sensed(model, sensor, term, lambda tick: matrix @ values)
 
     def _own(self, term: Term) -> Part:
         function, model, data, memory = self._user[term.name], self._model, self._data, self._memory
@@ -251,6 +258,9 @@ class Observer:
             (slice(a, b), part.read) for a, b, part in zip(ends[:-1], ends[1:], parts, strict=True)
         ]
         self._values = np.zeros(int(ends[-1]))
+        self._component = self._components(ends)
+        self._late = np.repeat([part.term.late for part in parts], [part.width for part in parts]).astype(int)
+        self._past: list[FloatArray] = []
         self._scale = self._across(lambda term: term.scale, 1.0)
         self._first = self._limits(lambda term: term.clip if term.clip_first else None)
         self._last = self._limits(lambda term: term.clip if not term.clip_first else None)
@@ -288,6 +298,12 @@ class Observer:
             values[where] = read(tick)
         if self._sense is not None:
             values = self._sense(values)
+        if self._component is not None:
+            values = values[self._component]
+        if self._late.any():
+            self._past = [*([] if tick == 0 else self._past[-self._late.max() :]), values.copy()]
+            newest = len(self._past) - 1
+            values = np.stack(self._past)[np.maximum(newest - self._late, 0), np.arange(values.size)]
         scaled = values if self._first is None else np.clip(values, *self._first)
         scaled = scaled * self._scale
         if self._last is not None:
@@ -304,6 +320,21 @@ class Observer:
             history[:-1] = history[1:]
             history[-1] = scaled
         return history.ravel()[self._order].astype(np.float32)
+
+    def _components(self, ends: IntArray) -> IntArray | None:
+        """Return the index of what each component holds, where a term has another order; None where none has."""
+        if not any(part.term.order for part in self.parts):
+            return None
+        found = []
+        for part, first in zip(self.parts, ends[:-1].tolist(), strict=True):
+            order = part.term.order or tuple(range(part.width))
+            if len(order) != part.width or max(order) >= part.width:
+                raise UsageError(
+                    f"{part.term.source}: order needs {part.width} numbers from 0 to {part.width - 1}, one for each "
+                    f"component of {part.name}"
+                )
+            found.append(first + np.array(order, dtype=np.intp))
+        return np.concatenate(found)
 
     def _across(self, choose: Callable[[Term], tuple[float, ...]], default: float) -> FloatArray:
         """Return one number for each component."""

@@ -131,8 +131,7 @@ class Simulator:
         """
         law, memory, observe = self.plan.law, self.memory, self.observer.read
         record = self._empty(ticks, self.observer.width, len(law.moved), len(self.plan.joints))
-        scale, offset, low_high, clip = law.scale, law.offset, law.clip_action, law.clip_target
-        some, last_action = len(law.moved) < len(self.plan.joints), memory.last_action
+        low_high, pose, last_action = law.clip_action, self.plan.pose, memory.last_action
         if self.loop is not None:
             self.loop.begin(np.where(law.has_target & ~law.speed, self.plan.pose, 0.0), self._seed)
         for tick in range(ticks):
@@ -141,13 +140,7 @@ class Simulator:
             if not isfinite(action.sum()):
                 return self._not_finite(record, tick, observation)
             last_action[:] = action if low_high is None else np.clip(action, *low_high)
-            target = offset + scale * last_action
-            if clip is not None:
-                target = np.clip(target, *clip)
-            if some:
-                whole = self.plan.pose.copy()
-                whole[law.moved] = target
-                target = whole
+            target = law.targets(last_action, pose)
             record.observation[tick], record.action[tick] = observation, action
             self._tick(record, tick, target, pushes, self._apply, last=tick == ticks - 1)
         return self._checked(record)

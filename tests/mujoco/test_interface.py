@@ -189,3 +189,26 @@ def test_the_page_has_the_counts_of_the_benchmark():
     page = (root / "docs" / "how-to" / "policies.md").read_text()
     assert f"names {kept['mistakes named with term and kind']} such mistakes" in page
     assert kept["healthy machines without a finding"] == "6 of 6"
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ('{ term = "joint_vel", scale = 0.05 }', '{ term = "joint_vel", scale = 0.05, order = [1, 0, 3, 2] }'),
+        ('"base_ang_vel"', '{ term = "base_ang_vel", late = 2 }'),
+        ('"base_lin_vel"', '{ term = "base_lin_vel", frame = "world" }'),
+        ("scale = 0.1", "scale = 0.1, order = [3, 2, 1, 0]"),
+    ],
+)  # fmt: skip
+def test_a_file_can_state_the_loop_of_a_machine_with_a_mistake(tmp_path, before, after):
+    """The check finds the mistake of such a machine beside the right file, and nothing beside its own."""
+    (tmp_path / "right").mkdir()
+    (tmp_path / "wrong").mkdir()
+    assert before in TOML
+    right, other = (
+        robot(tmp_path / "right", TOML, WIDTH),
+        robot(tmp_path / "wrong", TOML.replace(before, after), WIDTH),
+    )
+    log = other.rollout({}, 1)
+    assert not wrong(other, log)
+    assert len(wrong(right, log)) == 1

@@ -55,9 +55,11 @@ class Term:
     frequency: float = 0.0  # of a phase [Hz]
     start: tuple[float, ...] = ()  # each phase at the first observation [rad]
     parts: tuple[str, ...] = ()  # "sin", "cos", in this order, each over all phases
-    frame: str = "body"  # or "world"
+    frame: str = "body"  # or "world", or a site
     joints: tuple[int, ...] = ()  # indices in policy order of a joint term; () all of them
     names: tuple[str, ...] = ()  # instead: joints of the model, by regular expressions
+    order: tuple[int, ...] = ()  # component i of the term is component order[i] of what it is named for
+    late: int = 0  # control ticks by which its value is older than the tick
     group: str = ""  # the policy's input that has this term; "" where the policy has one
     source: str = ""  # place in the file, for messages: "deploy.yaml: observations.base_ang_vel"
 

@@ -8,17 +8,15 @@ Each is checked where the log has both sides. What a mistake is, says :mod:`.mis
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from s2r_mujoco.arrays import FloatArray
-from s2r_mujoco.channels import Attitude
+from s2r_mujoco.interface.log import Log
 from s2r_mujoco.interface.mistakes import FEWEST, Verdict, judged
-from s2r_mujoco.observation import Observer, Part
 from s2r_mujoco.robot import Robot
 from s2r_spec.backend import Finding
 from s2r_spec.trace import Trace
@@ -27,8 +25,6 @@ SATURATED = 0.98
 """Tolerance: part of its limit from which on a torque says nothing of the gains."""
 GAIN = 0.03
 """Tolerance: relative error of a gain."""
-RATE = 0.05
-"""Tolerance: relative distance of a log's period from the control period."""
 STAMPS = 0.2
 """Tolerance: relative error that messages make which are not of the same instant."""
 
@@ -38,8 +34,8 @@ def loop_findings(robot: Robot, trace: Trace) -> Iterator[Finding]:
     if robot.policy is None or robot.parts is None:
         yield Finding("loop", "the controller is a function in Python, whose loop no file states", "note")
         return
-    log = _Log(robot, trace)
-    if abs(log.period / robot.plan.step - 1.0) > RATE:
+    log = Log(robot, trace)
+    if not log.is_by_ticks:
         words = f"the log has a row every {1e3 * log.period:.3g} ms, and the control period is"
         yield Finding("loop", f"{words} {1e3 * robot.plan.step:.3g} ms: log one row a tick", "note")
         return
@@ -49,41 +45,8 @@ def loop_findings(robot: Robot, trace: Trace) -> Iterator[Finding]:
     yield from _torque(log)
 
 
-class _Log:
-    """A trace by the names and orders of a robot."""
-
-    def __init__(self, robot: Robot, trace: Trace) -> None:
-        self.robot, self.trace, self.plan = robot, trace, robot.plan
-
-    @property
-    def period(self) -> float:
-        """Median time between two rows [s]; infinite for one row."""
-        return float(np.median(np.diff(self.trace.times))) if len(self.trace) > 1 else np.inf
-
-    def channel(self, name: str) -> FloatArray | None:
-        """Return (n, w) a channel; None where the log lacks it."""
-        if name not in self.trace.channels:
-            return None
-        values = np.asarray(self.trace[name], dtype=np.float64)
-        return values.reshape(len(values), -1)
-
-    def joints(self, name: str, wanted: Sequence[str]) -> FloatArray | None:
-        """Return (n, joints) of the channels ``q`` and ``q_slide``, or of velocities or torques."""
-        columns: dict[str, FloatArray] = {}
-        for channel in self.robot.channels:
-            if channel.name in (name, f"{name}_slide") and (values := self.channel(channel.name)) is not None:
-                columns |= {column: values[:, k] for k, column in enumerate(channel.columns)}
-        return np.stack([columns[one] for one in wanted], axis=1) if {*wanted} <= columns.keys() else None
-
-    @property
-    def attitude(self) -> FloatArray | None:
-        """(n, 3, 3) attitude of the base."""
-        quaternion = self.channel("quaternion")
-        return None if quaternion is None else Attitude(quaternion).matrix
-
-
-def _observation(log: _Log) -> Iterator[Finding]:
-    logged, observer = log.channel("obs"), Observer(log.robot.parts or (), log.plan)
+def _observation(log: Log) -> Iterator[Finding]:
+    logged, observer = log.channel("obs"), log.observer(log.plan, log.memory(log.plan))
     if logged is None:
         yield Finding("observation", "the log has no obs, so its terms cannot be checked", "note")
         return
@@ -92,31 +55,29 @@ def _observation(log: _Log) -> Iterator[Finding]:
             "observation", f"obs has {logged.shape[1]} columns, and the files make {observer.width}", "wrong"
         )
         return
-    ends = np.cumsum([0, *(part.width for part in observer.parts)])
-    expected: dict[str, FloatArray] = {}
-    for k, part in enumerate(observer.parts):
-        raw = _term(log, part)
-        if raw is not None:
-            expected[part.name] = _scaled(log, part, raw, observer.scales[ends[k] : ends[k + 1]])
-    unknown = [part.name for part in observer.parts if part.name not in expected]
+    made = log.expected(log.plan)
+    places = dict(zip((part.name for part in observer.parts), observer.places, strict=True))
+    expected = {name: made[:, own] for name, own in places.items() if np.isfinite(made[:, own]).all()}
+    unknown = [name for name in places if name not in expected]
     if unknown:
         yield Finding(
             "observation", f"not logged, so not checked: the state behind {', '.join(unknown)}", "note"
         )
     right = []
-    for k, (part, places) in enumerate(zip(observer.parts, observer.places, strict=True)):
+    for k, part in enumerate(observer.parts):
         if part.name not in expected:
             continue
+        own = places[part.name]
         others = {name: values for name, values in expected.items() if name != part.name}
         if part.term.name == "joint_pos_rel":
-            whole = log.joints("q", _names(log, part))
-            assert whole is not None
-            scaled = _scaled(log, part, whole, observer.scales[ends[k] : ends[k + 1]])
-            others["the positions without the default pose subtracted"] = scaled
+            whole = replace(part.term, name="joint_pos")
+            terms = (*log.plan.terms[:k], whole, *log.plan.terms[k + 1 :])
+            values = log.expected(replace(log.plan, terms=terms))[:, own]
+            others["the positions without the default pose subtracted"] = values
         turn = log.attitude if part.senses in ("vector", "angular") else None
         # At t = 0 the last action and a history begin by rules of the files, which a log need not share.
         found = judged(
-            part.name, expected[part.name][1:], logged[1:, places], _names(log, part),
+            part.name, expected[part.name][1:], logged[1:, own], log.names(part),
             {name: values[1:] for name, values in others.items()}, None if turn is None else turn[1:],
         )  # fmt: skip
         if found.holds:
@@ -127,85 +88,7 @@ def _observation(log: _Log) -> Iterator[Finding]:
         yield Finding("observation", f"as the files say: {', '.join(right)}")
 
 
-def _term(log: _Log, part: Part) -> FloatArray | None:
-    """Return (n, width) the raw values of a term from the channels of a log; None where it lacks them."""
-    plan, term = log.plan, part.term
-    if term.name in ("joint_pos", "joint_pos_rel", "joint_vel", "joint_vel_rel"):
-        names = _names(log, part)
-        values = log.joints("q" if "pos" in term.name else "dq", names)
-        if values is None or term.name != "joint_pos_rel":
-            return values
-        home = dict(zip(plan.joints.names, plan.pose.tolist(), strict=True))
-        return values - [home.get(name, 0.0) for name in names] if {*names} <= home.keys() else None
-    if term.name == "last_action":
-        action = log.channel("action")
-        if action is None:
-            return None
-        clip = plan.law.clip_action
-        action = action if clip is None else np.clip(action, *clip)
-        return np.concatenate([np.zeros((1, action.shape[1])), action[:-1]])
-    if term.name == "velocity_commands":
-        each = [log.channel(name) for name in ("vx_cmd", "vy_cmd", "wz_cmd")]
-        return None if any(one is None for one in each) else np.concatenate(each, axis=1)  # type: ignore[arg-type]
-    if term.name == "phase":
-        ticks = np.round(log.trace.times / plan.step).astype(int)
-        return np.array([part.read(int(tick)) for tick in ticks])
-    if term.sensor:
-        return log.channel(term.sensor)
-    name = {"base_lin_vel": "velocity", "base_ang_vel": "omega", "projected_gravity": "gravity"}.get(
-        term.name, ""
-    )
-    values, turn = log.channel(name), log.attitude
-    if values is None and name == "gravity" and turn is not None:
-        values = -turn[:, 2]
-    if values is None or term.frame == "body" or (term.frame == "world" and name == "gravity"):
-        return values
-    if term.frame == "world":
-        return None if turn is None else np.einsum("nij,nj->ni", turn, values)
-    return _at_site(log, name, values, term.frame)
-
-
-def _at_site(log: _Log, name: str, values: FloatArray, frame: str) -> FloatArray | None:
-    """Return (n, 3) a vector of the base in axes of a site; None for a site on another body."""
-    model, site = log.robot.model, log.robot.model.site(frame)
-    if int(site.bodyid[0]) != log.plan.root:
-        return None
-    turn = np.zeros(9)
-    mujoco.mju_quat2Mat(turn, model.site_quat[site.id])
-    if name == "velocity":
-        omega = log.channel("omega")
-        if omega is None:
-            return None
-        values = values + np.cross(omega, model.site_pos[site.id])
-    return values @ turn.reshape(3, 3)
-
-
-def _names(log: _Log, part: Part) -> list[str]:
-    """Return the name of each component."""
-    model, joints = log.robot.model, log.plan.joints
-    if part.term.name.startswith("joint_"):
-        chosen = part.term.joints or range(len(joints))
-        if not part.term.names:
-            return [joints.names[k] for k in chosen]
-        of_dof = {int(model.jnt_dofadr[j]): model.joint(j).name for j in range(model.njnt)}
-        return [of_dof[int(dof)] for dof in part.dof]
-    if part.term.name == "last_action":
-        return [joints.names[k] for k in log.plan.law.moved]
-    return list("xyz") if part.width == 3 else [str(k) for k in range(part.width)]
-
-
-def _scaled(log: _Log, part: Part, values: FloatArray, scale: FloatArray) -> FloatArray:
-    """Return the clipped and scaled values of a term."""
-    term, whole = part.term, log.plan.observation_clip
-    if term.clip is not None and term.clip_first:
-        values = np.clip(values, *term.clip)
-    values = values * scale
-    if term.clip is not None and not term.clip_first:
-        values = np.clip(values, *term.clip)
-    return values if whole is None else np.clip(values, *whole)
-
-
-def _action(log: _Log) -> Iterator[Finding]:
+def _action(log: Log) -> Iterator[Finding]:
     observed, action, policy = log.channel("obs"), log.channel("action"), log.robot.policy
     assert policy is not None
     if observed is None or action is None or observed.shape[1] != policy.width:
@@ -225,17 +108,14 @@ def _action(log: _Log) -> Iterator[Finding]:
     )
 
 
-def _target(log: _Log) -> Iterator[Finding]:
+def _target(log: Log) -> Iterator[Finding]:
     action, law, joints = log.channel("action"), log.plan.law, log.plan.joints
     order = np.argsort(joints.qpos)
     target = log.channel("target")
     if action is None or target is None or target.shape[1] != len(joints):
         return
     clipped = action if law.clip_action is None else np.clip(action, *law.clip_action)
-    made = np.tile(log.plan.pose, (len(action), 1))
-    made[:, law.moved] = law.offset + law.scale * clipped
-    if law.clip_target is not None:
-        made[:, law.moved] = np.clip(made[:, law.moved], *law.clip_target)
+    made = law.targets(clipped, log.plan.pose)
     names = [joints.names[k] for k in order]
     found = judged("target", made[:, order], target, names)
     if not found.holds and (found.mistake is None or found.mistake.kind != "late"):
@@ -251,7 +131,7 @@ def _target(log: _Log) -> Iterator[Finding]:
     )
 
 
-def _torque(log: _Log) -> Iterator[Finding]:
+def _torque(log: Log) -> Iterator[Finding]:
     """Yield the gains that a log shows, by least squares of τ on T − q and q̇, joint by joint."""
     joints, law = log.plan.joints, log.plan.law
     order = np.argsort(joints.qpos)
@@ -318,7 +198,7 @@ def _gains(model: Any, plan: Any) -> FloatArray:
     return np.where((model.actuator_biasprm[actuators, 1] < 0.0)[:, None], gains, np.nan)
 
 
-def _finding(log: _Log, topic: str, name: str, found: Verdict) -> Finding:
+def _finding(log: Log, topic: str, name: str, found: Verdict) -> Finding:
     """Return the finding of an equation that does not hold."""
     share = found.error / max(found.size, 1e-12)
     since = "" if found.since <= 1 else f" from t = {log.trace.times[found.since]:g} s on"
