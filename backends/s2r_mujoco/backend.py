@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from math import ceil, isfinite
@@ -16,7 +16,7 @@ from s2r_mujoco.effects.physics import VARIANTS
 from s2r_mujoco.robot import Robot
 from s2r_mujoco.rollout import UNSTABLE, Record
 from s2r_mujoco.running import Running, running
-from s2r_spec.backend import Channel, Effect, Finding, Needs, Parameter, refuse_unknown
+from s2r_spec.backend import Channel, Effect, Finding, LoopMistake, Needs, Parameter, Replayed, refuse_unknown
 from s2r_spec.effects import Choice, Values, as_values, choose, read_options, words
 from s2r_spec.errors import UsageError
 from s2r_spec.trace import Trace
@@ -37,6 +37,7 @@ class RobotBackend:
         wanted: parameters of a specification, whose ranges count where no file states one.
         added: effects; more follow from ``EFFECT.PARAMETER=VALUE`` after the colon.
         variant: name of another simulator of the same physics (:meth:`variants`).
+        loop_keys: keys of a robot file, in TOML, that replace those of the file: the loop of a machine with a mistake.
     """
 
     text: str
@@ -44,6 +45,7 @@ class RobotBackend:
     wanted: tuple[Parameter, ...] = field(default=(), repr=False)
     added: Choice = ()
     variant: str = field(default="", repr=False)
+    loop_keys: str = field(default="", repr=False)
     deterministic: bool = field(default=True, init=False)
 
     def __post_init__(self) -> None:
@@ -78,7 +80,7 @@ class RobotBackend:
 
     @cached_property
     def _running(self) -> Running:
-        return running(Path(self._parts[0]))
+        return running(Path(self._parts[0]), self.loop_keys)
 
     @property
     def _robot(self) -> Robot:
@@ -160,7 +162,7 @@ class RobotBackend:
     def model_hash(self) -> str:
         """Hash of the robot file, of every file that it names or includes, of versions and of this package."""
         return self._robot.digest(
-            repr(sorted(self._defaults.items())) + repr(self._choice or "") + self.variant
+            repr(sorted(self._defaults.items())) + repr(self._choice or "") + self.variant + self.loop_keys
         )
 
     def with_duration(self, seconds: float) -> Self:
@@ -245,6 +247,24 @@ class RobotBackend:
         from s2r_mujoco.interface.check import loop_findings
 
         yield from loop_findings(self._robot, trace)
+
+    def replayed(self, traces: Sequence[Trace]) -> Replayed | None:
+        """Return which loop recordings show, by the policy on their state; see :mod:`s2r_mujoco.interface.replay`."""
+        from s2r_mujoco.interface.log import Log
+        from s2r_mujoco.interface.replay import replayed
+
+        return replayed([Log(self._robot, trace) for trace in traces])
+
+    def mistakes(self) -> dict[LoopMistake, Self]:
+        """Return the mistakes that the files make possible, and for each this robot with that loop."""
+        from s2r_mujoco.interface.switches import switches
+
+        found = [one.mistake for one in switches(self._robot)]
+        return {one: self.with_mistakes([one]) for one in found}
+
+    def with_mistakes(self, mistakes: Sequence[LoopMistake]) -> Self:
+        """Return this robot with the loop of the last of these mistakes."""
+        return replace(self, loop_keys=mistakes[-1].keys) if mistakes else self
 
     def _trace(self, record: Record, facts: dict[str, Any]) -> Trace:
         meta: dict[str, Any] = {"backend": self.name, "model_hash": self.model_hash, **facts}

@@ -305,8 +305,8 @@ def _command(value: float | str | CommandTable) -> CommandTable:
     return CommandTable(parameter=value) if isinstance(value, str) else CommandTable(value=value)
 
 
-def read_description(path: Path) -> Description:
-    """Read a robot file.
+def read_description(path: Path, loop: str = "") -> Description:
+    """Read a robot file; ``loop`` has keys in TOML that replace its own.
 
     Raises:
         UsageError: the file is missing, is not TOML, or has a wrong key or value; the message names it.
@@ -319,6 +319,9 @@ def read_description(path: Path) -> Description:
         raise UsageError(f"{path} is not a robot file: its values are nested too deep") from None
     except ValueError as error:  # TOMLDecodeError and UnicodeDecodeError
         raise UsageError(f"{path} is not TOML: {error}") from None
+    if loop:
+        other = tomllib.loads(loop)
+        table |= other | {"action": table.get("action", {}) | other.get("action", {})}
     try:
         return Description(path, RobotFile.model_validate(table))
     except ValidationError as error:

@@ -42,8 +42,8 @@ KEPT = 4
 class Robot:
     """A robot from its files. Making it reads every file, compiles the model, and runs no code of the user."""
 
-    def __init__(self, path: Path) -> None:
-        self.description = read_description(path)
+    def __init__(self, path: Path, loop: str = "") -> None:
+        self.description = read_description(path, loop)
         self.name = path.name
         stated = self._stated(self.description.table.deploy)
         self.description = self.description.completed(stated)

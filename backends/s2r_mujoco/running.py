@@ -180,23 +180,27 @@ def _silent(words: str) -> None:
     """Print nothing; ``data.warning`` counts the warnings."""
 
 
-_KEPT: dict[Path, Running] = {}
+LOOPS = 16
+"""Budget: robots that a process keeps."""
+_KEPT: dict[tuple[Path, str], Running] = {}
 
 
-def running(path: Path) -> Running:
-    """Return the rollouts of a robot file; the same object until one of its files changes.
+def running(path: Path, loop: str = "") -> Running:
+    """Return the rollouts of a robot file, with the keys of another loop; the same object until a file changes.
 
     Raises:
         UsageError: a file is missing, or is wrong; see :class:`Robot`.
     """
     path = path.resolve()
-    kept = _KEPT.get(path)
+    kept = _KEPT.get((path, loop))
     if kept is not None and kept.is_current:
         return kept
+    for old in [*_KEPT][: len(_KEPT) - LOOPS]:
+        del _KEPT[old]
     # MuJoCo keeps meshes and sees a change only by the second.
     mujoco.mj_clearCache(mujoco.mj_getCache())
-    _KEPT[path] = Running(Robot(path))
-    return _KEPT[path]
+    _KEPT[path, loop] = Running(Robot(path, loop))
+    return _KEPT[path, loop]
 
 
 def _stamps(robot: Robot) -> tuple[tuple[int, ...], ...]:

@@ -7,7 +7,6 @@ from s2r_spec.backend.capabilities import HasChosen as HasChosen
 from s2r_spec.backend.capabilities import HasControlLaw as HasControlLaw
 from s2r_spec.backend.capabilities import HasDuration as HasDuration
 from s2r_spec.backend.capabilities import HasEffects as HasEffects
-from s2r_spec.backend.capabilities import HasLoop as HasLoop
 from s2r_spec.backend.capabilities import HasOptions as HasOptions
 from s2r_spec.backend.capabilities import HasPictures as HasPictures
 from s2r_spec.backend.capabilities import HasPreflight as HasPreflight
@@ -27,6 +26,9 @@ from s2r_spec.backend.capabilities import is_exclusive as is_exclusive
 from s2r_spec.backend.files import LoadedCode as LoadedCode
 from s2r_spec.backend.files import load_code as load_code
 from s2r_spec.backend.files import read_code as read_code
+from s2r_spec.backend.loop import HasLoop as HasLoop
+from s2r_spec.backend.loop import LoopMistake as LoopMistake
+from s2r_spec.backend.loop import Replayed as Replayed
 from s2r_spec.backend.model import Channel as Channel
 from s2r_spec.backend.model import Effect as Effect
 from s2r_spec.backend.model import EffectParameter as EffectParameter

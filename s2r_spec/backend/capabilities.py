@@ -295,14 +295,6 @@ class HasPreflight(Protocol):
         """Yield facts, each as soon as it is known; without ``run`` only those that need no rollout."""
 
 
-@runtime_checkable
-class HasLoop(Protocol):
-    """A backend whose files state its control loop: what a policy sees, and what becomes of its action."""
-
-    def loop(self, trace: Trace) -> Iterator[Finding]:
-        """Yield what a recorded trace says of each equation of the loop, tick by tick and without a simulation."""
-
-
 @dataclass(frozen=True)
 class Option:
     """An option after the colon of a backend's name, as NAME=VALUE.

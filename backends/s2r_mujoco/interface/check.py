@@ -10,12 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from s2r_mujoco.arrays import FloatArray
-from s2r_mujoco.interface.log import Log
+from s2r_mujoco.interface.log import Log, reached, stated_gains
 from s2r_mujoco.interface.mistakes import FEWEST, Verdict, judged
 from s2r_mujoco.robot import Robot
 from s2r_spec.backend import Finding
@@ -140,12 +139,14 @@ def _torque(log: Log) -> Iterator[Finding]:
     position, speed, torque = (log.joints(name, names) for name in ("q", "dq", "tau"))
     if target is None or position is None or speed is None or torque is None or target.shape[1] != len(order):
         return
-    stated = _gains(log.robot.model, log.plan)
+    stated = stated_gains(log.robot.model, log.plan)
     able = [
         (column, k)
         for column, k in enumerate(order.tolist())
         if law.has_target[k] and not law.speed[k] and np.isfinite(stated[k]).all()
     ]
+    back_to_policy = np.argsort(order)
+    target = reached(log.robot.model, log.plan, target[:, back_to_policy])[:, order]
     fits = []
     for back in (0, 1):  # a robot may report the torque from before the target of the tick
         rows = slice(back, None)
@@ -184,18 +185,6 @@ def _fit(error: FloatArray, speed: FloatArray, torque: FloatArray) -> tuple[floa
         return np.nan, np.nan, 0.0
     gains = np.linalg.lstsq(x, torque[free], rcond=None)[0]
     return float(gains[0]), float(gains[1]), float(np.sum((torque[free] - x @ gains) ** 2))
-
-
-def _gains(model: Any, plan: Any) -> FloatArray:
-    """Return (n, 2) kp and kd of the joints of the policy; NaN where no law states them."""
-    if plan.law.pd != "model":
-        return np.stack([plan.law.stiffness, plan.law.damping], axis=1)
-    actuators = plan.joints.actuators
-    gear = model.actuator_gear[actuators, 0]
-    gains = np.stack(
-        [model.actuator_gainprm[actuators, 0] * gear, -model.actuator_biasprm[actuators, 2] * gear**2], 1
-    )
-    return np.where((model.actuator_biasprm[actuators, 1] < 0.0)[:, None], gains, np.nan)
 
 
 def _finding(log: Log, topic: str, name: str, found: Verdict) -> Finding:

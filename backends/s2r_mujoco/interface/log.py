@@ -172,6 +172,28 @@ class Log:
         return values @ _rotation(model.site_quat[site])
 
 
+def stated_gains(model: Any, plan: Plan) -> FloatArray:
+    """Return (n, 2) kp and kd of the joints of the policy; NaN where no law states them."""
+    if plan.law.pd != "model":
+        return np.stack([plan.law.stiffness, plan.law.damping], axis=1)
+    actuators = plan.joints.actuators
+    gear = model.actuator_gear[actuators, 0]
+    gains = np.stack(
+        [model.actuator_gainprm[actuators, 0] * gear, -model.actuator_biasprm[actuators, 2] * gear**2], 1
+    )
+    return np.where((model.actuator_biasprm[actuators, 1] < 0.0)[:, None], gains, np.nan)
+
+
+def reached(model: Any, plan: Plan, target: FloatArray) -> FloatArray:
+    """Return (n, joints) the targets within the limits that a model's own actuators have for them, in policy order."""
+    actuators = plan.joints.actuators
+    limited = (
+        model.actuator_ctrllimited[actuators].astype(bool) & plan.law.has_target & (plan.law.pd == "model")
+    )
+    low, high = model.actuator_ctrlrange[actuators].T
+    return np.clip(target, np.where(limited, low, -np.inf), np.where(limited, high, np.inf))
+
+
 def _rotation(quaternion: Any) -> FloatArray:
     turn = np.zeros(9)
     mujoco.mju_quat2Mat(turn, quaternion)

@@ -96,7 +96,7 @@ def judged(
         turn: (n, 3, 3) attitude, whose columns are the axes of the body in the world; of a vector alone.
     """
     scale = max(_rms(expected - expected.mean(axis=0)), _rms(logged - logged.mean(axis=0)))
-    most = RESOLUTION * max(scale, 1e-9) + _rounding(logged)
+    most = RESOLUTION * max(scale, 1e-9) + rounding(logged)
     error, size = _rms(logged - expected), _rms(expected)
     if error <= most or len(logged) < FEWEST:
         return Verdict(True, error, size)
@@ -185,7 +185,7 @@ def _rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(np.square(values)))) if values.size else np.inf
 
 
-def _rounding(values: FloatArray) -> float:
+def rounding(values: FloatArray) -> float:
     """Return what a log rounds to: its smallest step, or that of 32-bit floats."""
     steps = np.diff(np.unique(values))
     single = float(np.finfo(np.float32).eps) * float(np.abs(values).max(initial=0.0))
