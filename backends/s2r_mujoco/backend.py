@@ -38,6 +38,7 @@ class RobotBackend:
         added: effects; more follow from ``EFFECT.PARAMETER=VALUE`` after the colon.
         variant: name of another simulator of the same physics (:meth:`variants`).
         loop_keys: keys of a robot file, in TOML, that replace those of the file: the loop of a machine with a mistake.
+        torque_before: whether a trace has the torques of the physics step before the sample, not after it.
     """
 
     text: str
@@ -46,6 +47,7 @@ class RobotBackend:
     added: Choice = ()
     variant: str = field(default="", repr=False)
     loop_keys: str = field(default="", repr=False)
+    torque_before: bool = field(default=False, repr=False)
     deterministic: bool = field(default=True, init=False)
 
     def __post_init__(self) -> None:
@@ -162,7 +164,11 @@ class RobotBackend:
     def model_hash(self) -> str:
         """Hash of the robot file, of every file that it names or includes, of versions and of this package."""
         return self._robot.digest(
-            repr(sorted(self._defaults.items())) + repr(self._choice or "") + self.variant + self.loop_keys
+            repr(sorted(self._defaults.items()))
+            + repr(self._choice or "")
+            + self.variant
+            + self.loop_keys
+            + "torque before" * self.torque_before
         )
 
     def with_duration(self, seconds: float) -> Self:
@@ -255,6 +261,13 @@ class RobotBackend:
 
         return replayed([Log(self._robot, trace) for trace in traces])
 
+    def as_logged(self, traces: Sequence[Trace]) -> Self:
+        """Return this robot with the torques of the physics step before a sample, where recordings have these."""
+        from s2r_mujoco.interface.check import torque_is_before
+        from s2r_mujoco.interface.log import Log
+
+        return replace(self, torque_before=torque_is_before([Log(self._robot, trace) for trace in traces]))
+
     def mistakes(self) -> dict[LoopMistake, Self]:
         """Return the mistakes that the files make possible, and for each this robot with that loop."""
         from s2r_mujoco.interface.switches import switches
@@ -270,6 +283,8 @@ class RobotBackend:
         meta: dict[str, Any] = {"backend": self.name, "model_hash": self.model_hash, **facts}
         if record.unstable:
             meta["failure"] = UNSTABLE
+        if self.torque_before:
+            record = replace(record, torque=record.torque_before)
         trace = self._robot.trace(record, meta)
         failure = self._robot.failures.first(trace)
         if failure is None:

@@ -42,7 +42,9 @@ class Record:
     """The samples of a rollout, one row a control tick; ``n`` is the number of ticks.
 
     Attributes:
-        qpos: (n, nq); qvel: (n, nv); torque: (n, nv) of the actuators on the degrees of freedom.
+        qpos: (n, nq); qvel: (n, nv).
+        torque: (n, nv) of the actuators on the degrees of freedom, within the physics step after the sample.
+        torque_before: the same, within the physics step before it.
         sensors: (n, nsensordata); observation: (n, width); action: (n, outputs); target: (n, joints or controls).
         command: (3,) the velocity command.
         unstable: whether the last tick is the last finite one.
@@ -51,6 +53,7 @@ class Record:
     qpos: FloatArray
     qvel: FloatArray
     torque: FloatArray
+    torque_before: FloatArray
     sensors: FloatArray
     observation: Observation
     action: FloatArray
@@ -173,6 +176,7 @@ class Simulator:
             qpos=rows(model.nq),
             qvel=rows(model.nv),
             torque=rows(model.nv),
+            torque_before=rows(model.nv),
             sensors=rows(model.nsensordata),
             observation=np.zeros((ticks, width), dtype=np.float32),
             action=rows(actions),
@@ -198,6 +202,7 @@ class Simulator:
                 data.xfrc_applied[push.body, :3] += push.force
         record.qpos[tick], record.qvel[tick] = data.qpos, data.qvel
         record.sensors[tick], record.target[tick] = data.sensordata, target
+        record.torque_before[tick] = data.qfrc_actuator
         if loop is not None:
             loop.send(target)
             target = loop.arrived(0)
@@ -232,21 +237,22 @@ class Simulator:
     def _checked(self, record: Record) -> Record:
         """Cut a record where the state is bad, and report MuJoCo's warnings as instability."""
         good = _good(record.qpos) & _good(record.qvel)
-        if self.loop is not None:
-            self._sense(record)
         if not good.all():
             record = record.cut(max(int(np.argmin(good)), 1))
             record.unstable = True
+        if self.loop is not None:
+            self._sense(record)
         record.unstable |= bool(self.data.warning.number.any())
         return record
 
     def _sense(self, record: Record) -> None:
-        """Put into a record what the sensors say: positions of joints, and sensors of the model."""
+        """Put into a record what a robot would log."""
         assert self.loop is not None
-        record.qpos[:] = self.loop.positions(self.model, record.qpos)
+        record.qpos[:], record.qvel[:] = self.loop.state(record.qpos, record.qvel)
         for first, part in self._sensors:
             place = slice(first, first + part.width)
-            record.sensors[:, place] = [self.loop.measured(part, row) for row in record.sensors[:, place]]
+            rows = np.array([self.loop.measured(part, row) for row in record.sensors[:, place]])
+            record.sensors[:, place] = self.loop.received(rows)
 
 
 def _controls(value: Any, count: int) -> FloatArray:

@@ -65,6 +65,9 @@ class HasLoop(Protocol):
     def replayed(self, traces: Sequence[Trace]) -> Replayed | None:
         """Return which loop recordings show, by its policy on their state; None where they have too little for it."""
 
+    def as_logged(self, traces: Sequence[Trace]) -> Self:
+        """Return this backend with channels of the instants that recordings have, where conventions differ."""
+
     def mistakes(self) -> Mapping[LoopMistake, Self]:
         """Return the mistakes that the files make possible, and for each this backend with that loop."""
 

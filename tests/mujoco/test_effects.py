@@ -75,15 +75,17 @@ def test_a_weak_motor_gives_less_torque(box):
     assert np.allclose(trace["tau"], 0.5 * (KP * (trace["target"] - trace["q"]) - KD * trace["dq"]))
 
 
-def test_the_policy_sees_the_robot_as_it_was(box):
-    trace = box.with_effects({"observation_delay": {"time": 0.02}}).rollout({}, 1)  # one control period
-    assert np.allclose(trace["obs"][1:, :4], trace["q"][:-1], atol=1e-6)
-    assert np.allclose(trace["obs"][1:, 4:8], 0.05 * trace["dq"][:-1], atol=1e-5)
+@pytest.mark.parametrize("ticks", [1.0, 0.5])
+def test_the_policy_and_the_log_have_the_robot_as_it_was(box, ticks):
+    trace = box.with_effects({"observation_delay": {"time": 0.02 * ticks}}).rollout({}, 1)
+    assert np.allclose(trace["obs"][:, :4], trace["q"], atol=1e-6)
+    assert np.allclose(trace["obs"][:, 4:8], 0.05 * trace["dq"], atol=1e-5)
     assert np.allclose(
         trace["obs"][1:, 11:], trace["action"][:-1], atol=1e-6
     )  # of its own action nothing is late
-    half = box.with_effects({"observation_delay": {"time": 0.01}}).rollout({}, 1)
-    assert np.allclose(half["obs"][1:, :4], (half["q"][1:] + half["q"][:-1]) / 2.0, atol=1e-6)
+    if ticks == 1.0:  # the motors have the state of now, which the log has one tick later
+        now = KP * (trace["target"][:-1] - trace["q"][1:]) - KD * trace["dq"][1:]
+        assert np.allclose(trace["tau"][:-1], now)
 
 
 def test_targets_reach_the_motors_later(box):
@@ -114,11 +116,19 @@ def test_a_tilted_imu_and_a_biased_gyroscope_measure_so(box):
 
 
 def test_on_a_slope_gravity_leans(box):
-    trace = box.with_effects({"slope": {"forward": 5.0}}).rollout({}, 1)
-    w, *v = trace["quaternion"][0]
+    level, trace = box.rollout({}, 1), box.with_effects({"slope": {"forward": 5.0}}).rollout({}, 1)
+    w, *v = level["quaternion"][0]
     leaning = np.array([np.sin(np.radians(5.0)), 0.0, -np.cos(np.radians(5.0))])
     turn = -2.0 * np.cross(v, w * leaning - np.cross(v, leaning))  # by the inverse of the attitude
     assert np.allclose(trace["obs"][0, 8:11], leaning + turn, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "effect", [{"slope": {"forward": 5.0, "left": 3.0}}, {"imu_tilt": {"roll": 2.0, "pitch": -3.0}}, {}]
+)
+def test_the_attitude_of_a_log_is_that_of_an_imu(box, effect):
+    trace = box.with_effects(effect).rollout({}, 1)
+    assert np.allclose(trace["obs"][:, 8:11], trace["gravity"], atol=1e-6)
 
 
 def test_a_controller_in_python_has_delays_and_no_errors_of_sensing(tmp_path):

@@ -10,6 +10,10 @@ Target at physics step i, with its delay in physics steps, d = n + f, and the ti
 
 T(i) is the target of the control period of step i. A command, a phase and the last action are the controller's own:
 they have no delay. With jitter j a tick has the delay d max(0, 1 + j N(0, 1)).
+
+A record has what a robot would log: positions and velocities of joints, sensors of the model, attitude and angular
+velocity of the root as they were received; position and linear velocity of the root as motion capture has them, in a
+world whose vertical is that of gravity.
 """
 
 from __future__ import annotations
@@ -32,7 +36,8 @@ class Loop:
 
     def __init__(self, physics: Physics, model: Any, plan: Plan, parts: Sequence[Part]) -> None:
         self._physics, self._step, self._decimation = physics, plan.step, plan.decimation
-        self._imu = rotated(*physics.tilt).T
+        self._model, self._root, self._imu = model, plan.root, rotated(*physics.tilt).T
+        self._level = rotated(-physics.slope[1], physics.slope[0])
         ends = np.cumsum([0, *(part.width for part in parts)])
         self._parts = [(slice(a, b), part) for a, b, part in zip(ends[:-1], ends[1:], parts, strict=True)]
         known = [np.full(part.width, part.senses == "known") for part in parts]
@@ -49,6 +54,7 @@ class Loop:
         self._sent: list[FloatArray] = []
         self._first, self._last = first, first
         self._late = 0.0
+        self._ages: list[float] = []
 
     def measured(self, part: Part, values: FloatArray) -> FloatArray:
         """Return what the sensors say of a part of the observation, or of a sensor of the model."""
@@ -58,13 +64,39 @@ class Loop:
             values = values + np.resize(self._physics.gyro, values.size)
         return values + self._physics.offset[part.dof] if part.senses == "position" else values
 
-    def positions(self, model: Any, qpos: FloatArray) -> FloatArray:
-        """Return (n, nq) positions with the offsets of the joints' encoders."""
+    def received(self, values: FloatArray) -> FloatArray:
+        """Return (n, m) measurements of all ticks as they were received at each tick."""
+        if not self._ages:
+            return values
+        whole, share = np.divmod(np.array(self._ages[: len(values)])[:, None], 1.0)
+        row = np.arange(len(values))[:, None] - whole.astype(int)
+        one, other = (np.take_along_axis(values, np.maximum(row - k, 0), axis=0) for k in (0, 1))
+        return np.asarray((1.0 - share) * one + share * other)
+
+    def state(self, qpos: FloatArray, qvel: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return (n, nq) positions and (n, nv) velocities as a robot logs them."""
+        model, qpos, qvel = self._model, qpos.copy(), qvel.copy()
         joints = scalar_joints(model)
         places, dof = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
-        shifted = qpos.copy()
-        shifted[:, places] += self._physics.offset[dof]
-        return shifted
+        qpos[:, places] = self.received(qpos[:, places] + self._physics.offset[dof])
+        qvel[:, dof] = self.received(qvel[:, dof])
+        if self._root >= 0:
+            joint = int(model.body_jntadr[self._root])
+            p, v = int(model.jnt_qposadr[joint]) + 3, int(model.jnt_dofadr[joint])
+            qvel[:, v : v + 3] = qvel[:, v : v + 3] @ self._level.T
+            qvel[:, v + 3 : v + 6] = self.received(qvel[:, v + 3 : v + 6] @ self._imu.T + self._physics.gyro)
+            qpos[:, p : p + 4] = self.received(self._attitudes(qpos[:, p : p + 4]))
+        return qpos, qvel
+
+    def _attitudes(self, quaternions: FloatArray) -> FloatArray:
+        """Return (n, 4) attitudes of the IMU in a world whose vertical is that of gravity."""
+        if not any((*self._physics.slope, *self._physics.tilt)):
+            return quaternions
+        from scipy.spatial.transform import Rotation
+
+        level, imu = Rotation.from_matrix(self._level), Rotation.from_matrix(self._imu.T)
+        turned = (level * Rotation.from_quat(quaternions, scalar_first=True) * imu).as_quat(scalar_first=True)
+        return np.asarray(turned * np.sign(np.sum(turned * quaternions, axis=1))[:, None])
 
     def observed(self, values: FloatArray) -> FloatArray:
         """Return (m,) the values of all terms that the policy sees at a tick, from the true ones."""
@@ -72,9 +104,8 @@ class Loop:
         if not self._physics.sensing:
             return now
         self._seen.append(now)
-        whole, share = divmod(
-            self._drawn(self._physics.sensing, self._physics.sensing_jitter) / self._step, 1.0
-        )
+        self._ages.append(self._drawn(self._physics.sensing, self._physics.sensing_jitter) / self._step)
+        whole, share = divmod(self._ages[-1], 1.0)
         last = len(self._seen) - 1 - int(whole)
         late = (1.0 - share) * self._seen[max(last, 0)] + share * self._seen[max(last - 1, 0)]
         return np.where(self._measured, late, now)

@@ -8,7 +8,7 @@ Each is checked where the log has both sides. What a mistake is, says :mod:`.mis
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -132,49 +132,69 @@ def _target(log: Log) -> Iterator[Finding]:
 
 def _torque(log: Log) -> Iterator[Finding]:
     """Yield the gains that a log shows, by least squares of τ on T − q and q̇, joint by joint."""
-    joints, law = log.plan.joints, log.plan.law
-    order = np.argsort(joints.qpos)
-    names = [joints.names[k] for k in order]
+    order = np.argsort(log.plan.joints.qpos)
     target = log.channel("target")
-    position, speed, torque = (log.joints(name, names) for name in ("q", "dq", "tau"))
-    if target is None or position is None or speed is None or torque is None or target.shape[1] != len(order):
+    if target is None or target.shape[1] != len(order) or (fits := _gain_fits(log, target)) is None:
         return
-    stated = stated_gains(log.robot.model, log.plan)
-    able = [
-        (column, k)
-        for column, k in enumerate(order.tolist())
-        if law.has_target[k] and not law.speed[k] and np.isfinite(stated[k]).all()
-    ]
-    back_to_policy = np.argsort(order)
-    target = reached(log.robot.model, log.plan, target[:, back_to_policy])[:, order]
-    fits = []
-    for back in (0, 1):  # a robot may report the torque from before the target of the tick
-        rows = slice(back, None)
-        sent = target[: len(target) - back]
-        each = [
-            (
-                column,
-                k,
-                *_fit(sent[:, column] - position[rows, column], speed[rows, column], torque[rows, column]),
-            )
-            for column, k in able
-        ]
-        fits.append((float(np.sum([error for *_, error in each])), back, each))
-    _, back, each = min(fits, key=lambda one: one[:2])
-    each = [one for one in each if np.isfinite(one[2])]
-    wrong = []
-    for column, k, kp, kd, _ in each:
+    stated, wrong = stated_gains(log.robot.model, log.plan)[order], []
+    back = int(np.argmin([fit[:, 2].sum() for fit in fits]))
+    shown = np.flatnonzero(np.isfinite(fits[back][:, 0]))
+    for k, (kp, kd, _) in zip(shown, fits[back][shown], strict=True):
         far = [
             abs(one - other) > GAIN * max(other, 1e-9) for one, other in zip((kp, kd), stated[k], strict=True)
         ]
         if far[0] or (far[1] and stated[k][1] > 0.0):
             damped = f", kd {kd:.3g} for {stated[k][1]:.3g}" if stated[k][1] > 0.0 else ""
-            wrong.append(f"{names[column]}: kp {kp:.3g} for {stated[k][0]:.3g}{damped}")
+            wrong.append(f"{log.plan.joints.names[order[k]]}: kp {kp:.3g} for {stated[k][0]:.3g}{damped}")
     words = f"kp (target − q) − kd q̇{', with the target of the tick before,' if back else ''}"
     if wrong:
         yield Finding("torque", f"{words} holds with other gains", "wrong", tuple(wrong))
-    elif each:
+    elif shown.size:
         yield Finding("torque", f"{words} with the stated gains")
+
+
+def torque_is_before(logs: Sequence[Log]) -> bool:
+    """Return whether logged torques follow from the target of the tick before, as states of a robot's motors do.
+
+    Targets that a log lacks are those of the policy on its state.
+    """
+    from s2r_mujoco.interface.replay import actions, lacking
+
+    left = np.zeros(2)
+    for log in logs:
+        target, plan = log.channel("target"), log.plan
+        if target is None and log.is_by_ticks and not lacking(log):
+            target = plan.law.targets(log.limited(actions(log, plan)), plan.pose)[
+                :, np.argsort(plan.joints.qpos)
+            ]
+        if target is not None and (fits := _gain_fits(log, target)) is not None:
+            left += [fit[:, 2].sum() for fit in fits]
+    return bool(left[1] < left[0])
+
+
+def _gain_fits(log: Log, target: FloatArray) -> list[FloatArray] | None:
+    """Return for (n, J) targets of the tick, and of the tick before, (J, 3) kp, kd and the squares that they leave.
+
+    kp and kd are NaN where a joint does not show them. There is no fit where the log lacks the state or the torques.
+    """
+    joints, law = log.plan.joints, log.plan.law
+    order = np.argsort(joints.qpos)
+    names = [joints.names[k] for k in order]
+    position, speed, torque = (log.joints(name, names) for name in ("q", "dq", "tau"))
+    if position is None or speed is None or torque is None:
+        return None
+    able = (law.has_target & ~law.speed & np.isfinite(stated_gains(log.robot.model, log.plan)).all(axis=1))[
+        order
+    ]
+    target = reached(log.robot.model, log.plan, target[:, np.argsort(order)])[:, order]
+    fits = []
+    for back in (0, 1):
+        rows, sent = slice(back, None), target[: len(target) - back]
+        fit = np.tile([np.nan, np.nan, 0.0], (len(order), 1))
+        for k in np.flatnonzero(able):
+            fit[k] = _fit(sent[:, k] - position[rows, k], speed[rows, k], torque[rows, k])
+        fits.append(fit)
+    return fits
 
 
 def _fit(error: FloatArray, speed: FloatArray, torque: FloatArray) -> tuple[float, float, float]:
