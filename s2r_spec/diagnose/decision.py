@@ -15,7 +15,7 @@ the posterior mean of all. The better one counts. The first rule that holds deci
 | ALIKE | an effect is named, and a mistake of the recordings explains as much | confounded |
 | RIVALS | an effect is named, and more likely than not another one is large, too | confounded |
 | OPEN | an effect is named, and an allowed experiment would settle a possible one | confounded |
-| EFFECT | an effect is named | named |
+| EFFECT | an effect is named, or a mistake of the loop | named |
 | EITHER | more likely than not an effect is large, or a named one does not count | confounded |
 | SPREAD | the gap shows | no single cause |
 | NONE | else | no material gap |
@@ -42,6 +42,7 @@ from s2r_spec.diagnose.gap.shares import GONE
 from s2r_spec.diagnose.inference.estimates import EffectEstimate, Status
 from s2r_spec.diagnose.inference.misfit import Misfit
 from s2r_spec.diagnose.quality.finding import Finding
+from s2r_spec.diagnose.quality.loop import Loop
 from s2r_spec.diagnose.residuals.left import Remainder
 
 
@@ -95,6 +96,7 @@ class Evidence:
         separations: what other experiments would say about each possible effect.
         left: motion that no effect explains.
         findings: suspected mistakes of the recordings.
+        loop: the loop that the recordings show. Effects are estimated with this loop.
     """
 
     effects: tuple[EffectEstimate, ...]
@@ -105,6 +107,7 @@ class Evidence:
     materiality: Materiality | None = None
     left: Sequence[Remainder] = ()
     findings: Sequence[Finding] = ()
+    loop: Loop | None = None
 
     @property
     def named(self) -> tuple[str, ...]:
@@ -120,6 +123,11 @@ class Evidence:
             for each in one.parameters
             if one.status is Status.NAMED and each.at_end
         )
+
+    @property
+    def mistakes(self) -> tuple[str, ...]:
+        """The mistakes of the machine's loop, in words."""
+        return () if self.loop is None else self.loop.names
 
     @property
     def open(self) -> tuple[str, ...]:
@@ -146,7 +154,7 @@ class Evidence:
     def rule(self) -> Rule:
         """Return the first rule that holds."""
         far, shows = self.held_out, self.shows
-        named = bool(self.named) and not (far is not None and far.harmful)
+        named = bool(self.named or self.mistakes) and not (far is not None and far.harmful)
         if any(one.certain for one in self.findings):
             return Rule.BROKEN
         if self.misfit is not None and self.misfit.rejected:
@@ -157,14 +165,14 @@ class Evidence:
             return Rule.STAYS
         if far is not None and far.short and self.at_end:
             return Rule.END
-        if named and any(not one.same for one in self.rivals):
+        if named and self.named and any(not one.same for one in self.rivals):
             return Rule.MISTAKE
-        if named and self.rivals:
+        if named and self.named and self.rivals:
             return Rule.ALIKE
         if named and self.further:
             return Rule.RIVALS
         if named:
             return Rule.OPEN if self.open else Rule.EFFECT
-        if self.named or self.further:
+        if self.named or self.mistakes or self.further:
             return Rule.EITHER
         return Rule.SPREAD if shows else Rule.NONE

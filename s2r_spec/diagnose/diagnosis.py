@@ -212,7 +212,7 @@ class Diagnosis(Result, Shown):
 
     JSON = (
         "schema *provenance verdict rule=rule.word reason which where how_far materiality "
-        "misfit=evidence.misfit left patch tuned passive assumptions notes "
+        "misfit=evidence.misfit loop=evidence.loop left patch tuned passive assumptions notes "
         "findings=evidence.findings misread exit_code next"
     )
 

@@ -50,7 +50,7 @@ from s2r_spec.diagnose.inference.estimates import (
     with_status,
 )
 from s2r_spec.diagnose.notes import notes
-from s2r_spec.diagnose.quality import certain_findings, likely_findings
+from s2r_spec.diagnose.quality import Loop, certain_findings, likely_findings, with_loop_of
 from s2r_spec.diagnose.refusal import provenance, refusal
 from s2r_spec.diagnose.residuals.left import remainders
 from s2r_spec.diagnose.simulator.axes import Values
@@ -152,7 +152,11 @@ def diagnose(
         else:
             rollouts, data = recorded_rollouts(work.bench, real, budget, passive), None
         tell("checking the recordings", 0, 0)
-        if broken := certain_findings(work.bench, rollouts.tests):
+        if data is None:
+            files = work.bench
+            bench, loop = with_loop_of(files, rollouts.tests)
+            work = replace(work, bench=bench, files=files, loop=loop)
+        if not work.mistakes and (broken := certain_findings(work.bench, rollouts.tests)):
             diagnosis = refusal(work.bench, seed, rollouts, broken, ASSUMPTIONS)
         else:
             diagnosis = _answer(work, data or _recordings(work, rollouts, protocols, passive), where)
@@ -185,10 +189,18 @@ def _refuse_memory(bench: Bench, seed: int) -> None:
 
 @dataclass(frozen=True)
 class _Work:
+    """What every step needs; ``files`` is the simulator as its files are, without mistakes of the machine's loop."""
+
     bench: Bench
     seed: int
     tell: Watched
     cache: Cache
+    files: Bench | None = None
+    loop: Loop | None = None
+
+    @property
+    def mistakes(self) -> bool:
+        return self.loop is not None and bool(self.loop.mistakes)
 
     def library(self, experiments: Sequence[Experiment], where: str = "") -> ResponseLibrary:
         self.tell("trying each effect", 0, 0)
@@ -342,6 +354,8 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
     # Tests at which a rollout ended early come last, so that an accident changes no seed of another test.
     ordered = sorted(tests, key=lambda run: run[1].failure is not None)
     nominal = Nominal.of(work.counted("simulating all tests"), [test for test, _ in ordered], seed)
+    if work.mistakes and work.files is not None:
+        nominal = replace(nominal, files=Nominal.of(work.files, [test for test, _ in ordered], seed))
     tell("where the simulator falls", 0, 0)
     why, alone = falls(bench, axes, tests, nominal), falls_alone(tests, nominal)
     tell("estimating sizes", 0, 0)
@@ -362,6 +376,7 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
         at_tests,
         left=remainders(work.counted("unexplained motion"), axes, used, tuned, seed, patch),
         findings=odd,
+        loop=work.loop,
     )
     upcoming = next_test(forecast, candidates) if with_status(sizes, Status.POSSIBLE) else None
     lacking = notes(bench, tests, parts, data.responses.idle, why, odd, alone)

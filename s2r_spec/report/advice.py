@@ -33,6 +33,9 @@ def next_step(diagnosis: Diagnosis, spec: Spec) -> str:
                 if test
                 else _spread(diagnosis)
             )
+        case Rule.EFFECT if diagnosis.evidence.mistakes:
+            wrong = join_names(diagnosis.evidence.mistakes)
+            return f"Correct the code around the controller: {wrong}. Then record again."
         case Rule.EFFECT:
             return _add(diagnosis)
         case Rule.OPEN | Rule.EITHER | Rule.RIVALS:

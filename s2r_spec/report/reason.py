@@ -24,7 +24,9 @@ def reason(diagnosis: Diagnosis) -> str:
         case Rule.BROKEN:
             sentences = ["The recordings break the law of the controller, which no machine does.", _NOTHING]
         case Rule.EFFECT | Rule.OPEN | Rule.RIVALS:
-            sentences = [material, f"{_effects(diagnosis, 'explain')} the data best."]
+            sentences = [material, *_loop(diagnosis)]
+            if diagnosis.evidence.named:
+                sentences.append(f"{_effects(diagnosis, 'explain')} the data best.")
             sentences += _closes(diagnosis) if diagnosis.evidence.shows else []
             if diagnosis.rule is Rule.OPEN:
                 others = join_names(diagnosis.evidence.open, "or")
@@ -34,7 +36,8 @@ def reason(diagnosis: Diagnosis) -> str:
                 sentences.append(f"There is probably a further cause: {others}.")
             sentences += _remainder(diagnosis)
         case Rule.EITHER:
-            rivals = join_names(diagnosis.evidence.further or diagnosis.evidence.named, "or")
+            evidence = diagnosis.evidence
+            rivals = join_names(evidence.further or evidence.named or evidence.mistakes, "or")
             cause = f"There is probably a cause, but the data do not settle it: {rivals}."
             sentences = [material, cause, *_closes(diagnosis)]
         case Rule.SPREAD:
@@ -51,7 +54,7 @@ def reason(diagnosis: Diagnosis) -> str:
             rival = f"{_imitation(diagnosis)} would do the same and explains more"
             sentences = [f"Of the catalogue, {best}, but {rival}: check the recordings first."]
         case _:
-            sentences = [material, "No effect of the catalogue explains the data."]
+            sentences = [material, *_loop(diagnosis), "No effect of the catalogue explains the data."]
             sentences += [
                 f"Unexplained: {each}." if each.material else f"The {largest_rest_words(each)}."
                 for each in diagnosis.left[:1]
@@ -94,7 +97,7 @@ def _effects(diagnosis: Diagnosis, verb: str) -> str:
 
 def _closes(diagnosis: Diagnosis) -> list[str]:
     """Return how much of the gap is closed where it shows, by the named effects or by all together."""
-    far, named = diagnosis.how_far, diagnosis.evidence.named
+    far, named = diagnosis.how_far, (*diagnosis.evidence.mistakes, *diagnosis.evidence.named)
     ends = [f"{name} is at the end of its range." for name in diagnosis.evidence.at_end]
     if far is None:
         return ends
@@ -138,6 +141,14 @@ def _misfit(diagnosis: Diagnosis) -> list[str]:
 def _remainder(diagnosis: Diagnosis) -> list[str]:
     """Return the motion that no effect explains, if it is more than what is allowed for."""
     return [f"No effect explains {each}." for each in diagnosis.left[:1] if each.material]
+
+
+def _loop(diagnosis: Diagnosis) -> list[str]:
+    """Return the mistakes of the machine's loop, and what shows them."""
+    loop = diagnosis.evidence.loop
+    if loop is None or not loop.mistakes:
+        return []
+    return [f"The code around the controller has a mistake: {join_names(loop.names)}.", loop.words]
 
 
 def _mistake(diagnosis: Diagnosis) -> list[str]:

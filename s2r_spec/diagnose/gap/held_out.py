@@ -214,11 +214,12 @@ def held_out_gap(
         return None
     real, others = (np.array([bench.rho(trace, test) for test, trace in runs]) for runs in (held, seen))
     tests, at = _distinct_tests([test for test, _ in held])
-    machines = [tuned, *([patch] if patch else [])]
+    machines = [tuned, *([patch] if patch or nominal.files else [])]
     own = _rho_of(bench, machines, tests, nominal)
-    first = np.array([nominal.rho[key_of(test)][:SHOTS] for test in tests])
+    before = nominal.before
+    first = np.array([before.rho[key_of(test)][:SHOTS] for test in tests])
     rho = np.concatenate([first[None], own])
-    fell = np.array([nominal.ended[key_of(test)][:SHOTS] for test in tests])
+    fell = np.array([before.ended[key_of(test)][:SHOTS] for test in tests])
     # A fall counts for so much that neither scatter nor background could be seen beside it.
     steady = ~fell.any(axis=1) | fell.any(axis=1).all()
     # What a cause makes unsteady scatters more than the nominal simulator does.
@@ -227,11 +228,12 @@ def held_out_gap(
     early = {key_of(test) for test, trace in held if trace.failure is not None}
     # A fall of a random machine where the real one stands is no part of the real one's gap.
     ended = (ended > 0.0) & [key_of(test) not in early for test in tests]
-    change = np.ma.masked_array(np.abs(random - first[:, 0]), ended | fell[:, 0] | ~steady).mean(axis=1)
+    alone = np.array([nominal.rho[key_of(test)][0] for test in tests])
+    change = np.ma.masked_array(np.abs(random - alone), ended | fell[:, 0] | ~steady).mean(axis=1)
     elsewhere = None
     if seen:
         _, place = _distinct_tests([test for test, _ in seen])
-        means = [nominal.rho[key_of(test)].mean() for test, _ in seen]
+        means = [before.rho[key_of(test)].mean() for test, _ in seen]
         elsewhere = gap(others - means, place)
     rows = list(zip((*held, *seen), (*real.tolist(), *others.tolist()), strict=True))
     found = compare(
@@ -243,8 +245,8 @@ def held_out_gap(
         bench.spec.unit(bench.requirement),
         elsewhere,
     )
-    alone = () if matters is None else (at.params for at in matters.places)
-    where = {key_of(test) for test in ([test for test, _ in seen] if found.elsewhere else alone)}
+    places = () if matters is None else (at.params for at in matters.places)
+    where = {key_of(test) for test in ([test for test, _ in seen] if found.elsewhere else places)}
     shown = [(test, value) for (test, _), value in rows if key_of(test) in where]
     if found.material or not shown:
         return found
@@ -266,7 +268,7 @@ def _closed_there(
 ) -> ClosedThere:
     """Return what the tuned simulator, and the patched one if there is one, close at tests with their real ρ."""
     tests, at = _distinct_tests([test for test, _ in runs])
-    first = np.array([nominal.rho[key_of(test)][:SHOTS] for test in tests])
+    first = np.array([nominal.before.rho[key_of(test)][:SHOTS] for test in tests])
     rho = np.concatenate([first[None], _rho_of(bench, machines, tests, nominal)]).mean(axis=2)[:, at]
     before, *after = np.array([value for _, value in runs]) - rho
     tuned, *named = (share_closed(before, one, at, floor) for one in after)

@@ -198,7 +198,7 @@ def compared_at_all_tests(bench: Bench, rollouts: Sequence[TestRun], nominal: No
     real = np.array([rho_and_end(bench, trace, test) for test, trace in rollouts])
     tests = []
     for key, own in places_of([test for test, _ in rollouts]).items():
-        sides = [(real[own, 0], real[own, 1] > 0.0), (nominal.rho[key], nominal.ended[key])]
+        sides = [(real[own, 0], real[own, 1] > 0.0), (nominal.before.rho[key], nominal.before.ended[key])]
         whole = [rho[~ended] for rho, ended in sides]
         tests.append(RolloutsAtTest(dict(key), *whole, *(int(ended.sum()) for _, ended in sides)))
     formula = bench.spec.formulas[bench.requirement]

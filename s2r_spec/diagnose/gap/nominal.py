@@ -23,12 +23,19 @@ class Nominal:
         seed: of the simulations.
         runs: test → test and seed of each rollout. A simulator with effects has the same seeds.
         rho, ended: test → (2 SHOTS,) ρ of each, and whether it ended early.
+        files: the same of the simulator as its files are, where this one has the mistakes of the machine's loop.
     """
 
     seed: int
     runs: Mapping[Key, Sequence[tuple[Test, int]]]
     rho: Mapping[Key, FloatArray]
     ended: Mapping[Key, NDArray[np.bool_]]
+    files: Nominal | None = None
+
+    @property
+    def before(self) -> Nominal:
+        """The simulator without anything that was found."""
+        return self.files or self
 
     @classmethod
     def of(cls, bench: Bench, tests: Sequence[Test], seed: int) -> Nominal:

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
-from s2r_spec.backend import HasLoop
 from s2r_spec.base.arrays import FloatArray
 from s2r_spec.diagnose.quality.channels import by_channel, find_copied, hold
 from s2r_spec.diagnose.quality.comparison import CLEAR, Comparison, compare
@@ -14,6 +13,7 @@ from s2r_spec.diagnose.quality.faults import Fault, Undone, faults
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.quality.labels import labels
 from s2r_spec.diagnose.quality.law import by_law
+from s2r_spec.diagnose.quality.loop import by_loop
 from s2r_spec.diagnose.quality.machine import nearest_machine
 from s2r_spec.diagnose.quality.recordings import Recordings
 from s2r_spec.diagnose.simulator.axes import EffectAxis
@@ -71,23 +71,6 @@ def certain_findings(bench: Bench, rollouts: Sequence[TestRun]) -> tuple[Finding
     if any(one.code == "labels" for one in broken) and (copied := find_copied(of)):
         return tuple(replace(one, certain=True) for one in copied)
     return tuple(broken)
-
-
-def by_loop(bench: Bench, rollouts: Sequence[TestRun]) -> list[Finding]:
-    """Return how the control loop of the recordings differs from that of the simulator's files, where files state one.
-
-    Only what no physics explains counts: a delay and other gains are effects, too.
-    """
-    if not isinstance(bench.backend, HasLoop):
-        return []
-    found: dict[str, Finding] = {}
-    for _, trace in rollouts:
-        for one in bench.backend.loop(trace):
-            if one.certain:
-                text = f"the robot's loop is not that of {bench.backend.name}: {one.words} ({'; '.join(one.table)}). "
-                remedy = "Correct the code on the robot or the file, then record again"
-                found.setdefault(one.words, Finding("loop", one.topic, text + remedy, certain=True))
-    return list(found.values())
 
 
 def likely_findings(

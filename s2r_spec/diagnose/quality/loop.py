@@ -1,0 +1,80 @@
+"""The loop of code around a machine's controller: that of the simulator's files, or one with mistakes.
+
+A mistake is no effect: it has no size. Where recordings show one, the simulator gets the same loop, and the effects are
+estimated beside it. How recordings show it, says the backend (:class:`s2r_spec.backend.HasLoop`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from s2r_spec.backend import HasLoop, LoopMistake
+from s2r_spec.base.json_values import Shown
+from s2r_spec.diagnose.inference.prior import SURE
+from s2r_spec.diagnose.quality.finding import Finding
+from s2r_spec.diagnose.simulator.bench import Bench, TestRun
+
+
+@dataclass(frozen=True)
+class Loop(Shown):
+    """The loop that recordings show.
+
+    Attributes:
+        mistakes: what is wrong with it; () for the loop of the files.
+        probability: of this loop, among those that were tried.
+        rivals: the next loops, in words, each with its probability.
+        words: what shows it, as a sentence.
+    """
+
+    mistakes: tuple[LoopMistake, ...]
+    probability: float
+    rivals: tuple[tuple[str, float], ...]
+    words: str
+
+    JSON = "mistakes probability rivals words"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The mistakes, each in words."""
+        return tuple(one.name for one in self.mistakes)
+
+
+def with_loop_of(bench: Bench, rollouts: Sequence[TestRun]) -> tuple[Bench, Loop | None]:
+    """Return a bench whose simulator has the loop of the recordings, and that loop; None where they show none."""
+    traces = [trace for _, trace in rollouts]
+    if not isinstance(bench.backend, HasLoop) or not traces:
+        return bench, None
+    found = bench.backend.replayed(traces)
+    loop = None
+    if found is not None and found.explained and found.probability >= SURE:
+        rivals = tuple((words_of(mistakes), p) for mistakes, p in found.rivals)
+        words = (
+            f"On the recorded state, this loop leaves {100.0 * found.share:.2g} % of {found.output} unexplained, and "
+            f"that of the files {100.0 * found.files:.2g} %."
+        )
+        loop = Loop(found.mistakes, found.probability, rivals, words if found.mistakes else "")
+    backend = bench.backend.with_mistakes(loop.mistakes if loop else ())
+    return replace(bench, backend=backend.as_logged(traces)), loop
+
+
+def words_of(mistakes: Sequence[LoopMistake]) -> str:
+    """Return the mistakes of a loop in words."""
+    return " and ".join(one.name for one in mistakes) or "the loop of the files"
+
+
+def by_loop(bench: Bench, rollouts: Sequence[TestRun]) -> list[Finding]:
+    """Return how the control loop of the recordings differs from that of the simulator's files, where files state one.
+
+    Only what no physics explains counts: a delay and other gains are effects, too.
+    """
+    if not isinstance(bench.backend, HasLoop):
+        return []
+    found: dict[str, Finding] = {}
+    for _, trace in rollouts:
+        for one in bench.backend.loop(trace):
+            if one.certain:
+                text = f"the robot's loop is not that of {bench.backend.name}: {one.words} ({'; '.join(one.table)}). "
+                remedy = "Correct the code on the robot or the file, then record again"
+                found.setdefault(one.words, Finding("loop", one.topic, text + remedy, certain=True))
+    return list(found.values())
