@@ -18,7 +18,7 @@ from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
-from s2r_spec.backend import Backend, HasRecordings, load_backend
+from s2r_spec.backend import Backend, HasLoop, HasRecordings, load_backend
 from s2r_spec.backend.effects import catalogue_of
 from s2r_spec.backend.protocols import HasProtocols, protocol_of
 from s2r_spec.base.errors import S2RError, UsageError
@@ -32,7 +32,7 @@ from s2r_spec.diagnose.data.space_filling import representative, star
 from s2r_spec.diagnose.data.split import TrainHeldOut, split
 from s2r_spec.diagnose.decision import Evidence
 from s2r_spec.diagnose.diagnosis import Diagnosis, Which
-from s2r_spec.diagnose.estimation import Estimate, estimate
+from s2r_spec.diagnose.estimation import Estimate, estimate, size_prior
 from s2r_spec.diagnose.experiment_design.identifiability import Candidate, InformationForecast, separations
 from s2r_spec.diagnose.experiment_design.next_test import next_test
 from s2r_spec.diagnose.falls import falls, falls_alone
@@ -49,10 +49,12 @@ from s2r_spec.diagnose.inference.estimates import (
     mean_sizes,
     with_status,
 )
+from s2r_spec.diagnose.inference.prior import SURE
 from s2r_spec.diagnose.notes import notes
 from s2r_spec.diagnose.quality import Loop, certain_findings, likely_findings, with_loop_of
 from s2r_spec.diagnose.refusal import provenance, refusal
 from s2r_spec.diagnose.residuals.left import remainders
+from s2r_spec.diagnose.rivals import rival_loops
 from s2r_spec.diagnose.simulator.axes import Values
 from s2r_spec.diagnose.simulator.bench import Bench, TestRun, refuse_machine, travels
 from s2r_spec.diagnose.simulator.cache import Cache
@@ -159,7 +161,9 @@ def diagnose(
         if not work.mistakes and (broken := certain_findings(work.bench, rollouts.tests)):
             diagnosis = refusal(work.bench, seed, rollouts, broken, ASSUMPTIONS)
         else:
-            diagnosis = _answer(work, data or _recordings(work, rollouts, protocols, passive), where)
+            data = data or _recordings(work, rollouts, protocols, passive)
+            work, data = _with_rival_loop(work, data, protocols, passive)
+            diagnosis = _answer(work, data, where)
     return replace(diagnosis, notes=(*diagnosis.notes, *dict.fromkeys(kept.notes)), spec=spec, real=called)
 
 
@@ -306,6 +310,21 @@ def _recordings(work: _Work, rollouts: RealRollouts, protocols: Sequence[str] | 
     runnable, _ = allowed_experiments(work.bench.backend, work.bench.backend, () if passive else protocols)
     others = () if passive else _protocols(work.bench, [*run, *runnable])
     return _data_of_tests(work, rollouts, [*run, *others], frozenset([*run, *runnable]))
+
+
+def _with_rival_loop(
+    work: _Work, data: _Data, protocols: Sequence[str] | None, passive: bool
+) -> tuple[_Work, _Data]:
+    """Return the work and the data with the loop that the tests show, where the recordings have shown none."""
+    bench, tests = work.bench, data.train(work.bench)
+    if work.loop is not None or work.files is None or any(one.protocol for one in tests):
+        return work, data
+    loop = rival_loops(bench, data.responses, tests, size_prior(data.responses), work.cache, work.tell)
+    work = replace(work, loop=loop)
+    if loop is None or not loop.mistakes or loop.probability < SURE or not isinstance(bench.backend, HasLoop):
+        return work, data
+    work = replace(work, bench=replace(bench, backend=bench.backend.with_mistakes(loop.mistakes)))
+    return work, _recordings(work, data.rollouts, protocols, passive)
 
 
 def _data_of_tests(

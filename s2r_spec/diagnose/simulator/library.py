@@ -141,7 +141,7 @@ def _responses(
     cache: Cache,
 ) -> tuple[Response, ...]:
     wanted = {experiment: design.jobs(experiment) for experiment, design in designs.items()}
-    places = {experiment: _place(backend, experiment) for experiment in designs}
+    places = {experiment: place_of(backend, experiment) for experiment in designs}
     runs = simulate(backend, wanted, places, cache, executor, progress)
     return tuple(design.response(experiment, runs[experiment]) for experiment, design in designs.items())
 
@@ -155,13 +155,13 @@ def most_rollouts(
     after :func:`acting_parameters`; without its result in the cache every parameter counts, and no run of the cache.
     """
     cache = Cache.usual() if cache is None else cache
-    tried = (cache.folder / _place(backend, tuple(experiments))).is_file()
+    tried = (cache.folder / place_of(backend, tuple(experiments))).is_file()
     acts = _cached_parameters(backend, experiments, cache) if tried else None
     axes = effect_axes(catalogue_of(backend), acts)
     first, every = (_Design.of(backend, axes, names) for names in ((), {axis.name for axis in axes}))
     several = [e.parameters for e in catalogue_of(backend) if len(e.parameters) > 1]
     probes = 0 if tried else 1 + sum(map(len, several))
-    have = kept(cache, {e: _place(backend, e) for e in experiments}) if tried else {}
+    have = kept(cache, {e: place_of(backend, e) for e in experiments}) if tried else {}
 
     def rollouts(experiment: Experiment) -> int:
         rows = have[experiment].rows if experiment in have else {}
@@ -182,7 +182,7 @@ def _cached_parameters(
         with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
             return {e: frozenset(names) for e, names in json.loads(str(arrays["names"])).items()}
 
-    place = _place(backend, tuple(experiments))
+    place = place_of(backend, tuple(experiments))
     return cache.kept(place, load, lambda: acting_parameters(backend, experiments), save)
 
 
@@ -329,9 +329,21 @@ def simulated_rows(
     number = [runs or replicates(one.experiment) for one in responses]
     if not values and all(count <= len(one.runs) for one, count in zip(responses, number, strict=True)):
         return [one.runs[:count] for one, count in zip(responses, number, strict=True)]
+    return runs_of(backend, responses, executor, values, number)
+
+
+def runs_of(
+    backend: Backend,
+    responses: Sequence[Response],
+    executor: ExecutorFactory | None = None,
+    values: Values | None = None,
+    number: Sequence[int] = (),
+) -> list[FloatArray]:
+    """Return (runs, m) observables of new runs of every experiment, whose backend may be another one."""
+    values, counts = values or {}, number or [replicates(one.experiment) for one in responses]
     wanted = {
         (one.experiment, Job.of(values, count)): (one.observables,)
-        for one, count in zip(responses, number, strict=True)
+        for one, count in zip(responses, counts, strict=True)
     }
     rows = dict(each(backend, vectors, wanted, executor, f"ran backend {backend.name!r} with {values}"))
     return [rows[key].astype(float) for key in wanted]
@@ -363,8 +375,8 @@ def _is_same(a: Trace, b: Trace) -> bool:
     return len(a) == len(b) and all(np.array_equal(a[name], b[name], equal_nan=True) for name in b.channels)
 
 
-def _place(backend: Backend, of: object) -> str:
-    """Return the file of the runs of an experiment, or of the acting parameters of several.
+def place_of(backend: Backend, of: object, folder: str = "acting") -> str:
+    """Return the file of the runs of an experiment, or in another folder what is known of several.
 
     A model's hash says what its rollouts are. Its residuals and variants are of other source, and the observables are
     of ours, so the sources of both count, too.
@@ -376,5 +388,5 @@ def _place(backend: Backend, of: object) -> str:
         [path.read_text() for path in sorted(Path(__file__).parent.glob("*.py"))],
         of,
     )
-    folder = "responses" if isinstance(of, Experiment) else "acting"
+    folder = "responses" if isinstance(of, Experiment) else folder
     return f"{folder}/{hashlib.sha256(repr(what).encode()).hexdigest()[:24]}.npz"
