@@ -36,6 +36,7 @@ from s2r_spec.diagnose.estimation import Estimate, estimate
 from s2r_spec.diagnose.experiment_design.identifiability import Candidate, InformationForecast, separations
 from s2r_spec.diagnose.experiment_design.next_test import next_test
 from s2r_spec.diagnose.falls import falls, falls_alone
+from s2r_spec.diagnose.gap.breaking import breaking_sizes
 from s2r_spec.diagnose.gap.held_out import held_out_gap
 from s2r_spec.diagnose.gap.materiality import compared_at_all_tests
 from s2r_spec.diagnose.gap.nominal import Nominal
@@ -59,6 +60,7 @@ from s2r_spec.diagnose.simulator.cache import Cache
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import library, most_rollouts, refined_at
 from s2r_spec.diagnose.simulator.response import ResponseLibrary
+from s2r_spec.diagnose.simulator.score import Score
 from s2r_spec.diagnose.watched import Progress, Watched
 from s2r_spec.runs.repeatability import check_here, is_repeated
 from s2r_spec.runs.scorer import adapt_to_spec
@@ -208,11 +210,16 @@ class _Work:
         def progress(stage: str, done: int, of: int) -> None:
             self.tell(stage + where, done, of)
 
-        return library(self.bench.backend, experiments, self.bench.pool, progress, self.cache)
+        return library(self.bench.backend, experiments, self.bench.pool, progress, self.cache, self.score)
 
     def simulated(self, experiments: Sequence[Experiment]) -> Expected:
         self.tell("timing a rollout of the simulator", 0, 0)
-        return of_library(self.bench.backend, most_rollouts(self.bench.backend, experiments, self.cache))
+        most = most_rollouts(self.bench.backend, experiments, self.cache, self.score)
+        return of_library(self.bench.backend, most)
+
+    @property
+    def score(self) -> Score:
+        return Score(self.bench.spec, self.bench.requirement, self.bench.matched)
 
     def counted(self, stage: str) -> Bench:
         """Return the bench whose jobs are the count of a stage."""
@@ -388,6 +395,7 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
         ASSUMPTIONS,
         (*lacking, *data.rollouts.notes),
         passive=not data.rollouts.protocols,
+        breaking=breaking_sizes(bench, fitted.library, tests, sizes),
     )
 
 
