@@ -54,9 +54,9 @@ def quantity(value: float, unit: str, uncertainty: float = 0.0) -> str:
     return f"{scale.number(value, uncertainty)} {scale.unit}".rstrip()
 
 
-def interval(low: float, high: float, unit: str) -> str:
-    """Return an interval with its unit: ``0.51 to 0.69 N·m``."""
-    scale, half = Scale.of(max(abs(low), abs(high)), unit), (high - low) / 2
+def interval(low: float, high: float, unit: str, exact: bool = False) -> str:
+    """Return an interval with its unit: ``0.51 to 0.69 N·m``; exact ends have three digits."""
+    scale, half = Scale.of(max(abs(low), abs(high)), unit), 0.0 if exact else (high - low) / 2
     return f"{scale.number(low, half)} to {scale.number(high, half)} {scale.unit}".rstrip()
 
 
@@ -78,4 +78,4 @@ def _round(value: float, uncertainty: float) -> str:
     places = (1 if round(uncertainty / 10.0 ** (exponent - 2)) < 355 else 0) - exponent
     if places > MOST_PLACES:
         return f"{value:.2g}"
-    return f"{round(value, places):.{max(places, 0)}f}"
+    return f"{round(value, places) + 0.0:.{max(places, 0)}f}"  # no "-0"

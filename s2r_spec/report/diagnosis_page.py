@@ -11,6 +11,7 @@ from s2r_spec.diagnose.diagnosis import Diagnosis
 from s2r_spec.diagnose.residuals.shifts import Body
 from s2r_spec.report.diagnosis import SizeRow, describe
 from s2r_spec.report.figures.blame import blame
+from s2r_spec.report.figures.breaking import breaking_picture
 from s2r_spec.report.figures.robot import amount, robot
 from s2r_spec.report.figures.shrink import before_and_after, over_space
 from s2r_spec.report.html import fill
@@ -43,6 +44,7 @@ def render(diagnosis: Diagnosis, spec: Spec, real: str = "") -> str:
         reason=_unbreak(diagnosis.reason),
         next=_unbreak(words.next),
         bars=_on_a_line(words.sizes),
+        breaking=None if diagnosis.breaking is None else breaking_picture(diagnosis.breaking, "breaking"),
         space=None if over is None else over_space(over, far, "space"),
         held_out=None if far is None or shown else before_and_after(far, spec.space.units, "held"),
         trace=None if where is None else blame(where, spec, "trace"),

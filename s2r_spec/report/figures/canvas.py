@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
 from io import StringIO
@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from s2r_spec.base.arrays import FloatArray
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
@@ -59,6 +60,8 @@ _STYLE: dict[Any, Any] = {
     "legend.fontsize": 9,
 }
 _WIDEST_NAME = 40
+_HOVER = "hover: "
+"""Definition: how the name of something drawn begins whose rest a reader sees who points at it."""
 
 
 @dataclass(frozen=True)
@@ -134,6 +137,23 @@ def shade_violation(axes: Axes) -> None:
     axes.set_ylim(low, high)
 
 
+def hover(artist: Artist, words: str) -> None:
+    """Give something drawn the words that a reader sees who points at it."""
+    artist.set_gid(_HOVER + words)
+
+
+def hover_points(axes: Axes, x: Iterable[float], y: Iterable[float], words: Iterable[str]) -> None:
+    """Lay an unseen dot with words over each of some points."""
+    for at, height, text in zip(x, y, words, strict=True):
+        hover(axes.plot([at], [height], "o", ms=12, mew=0, color=INK, alpha=0, zorder=9)[0], text)
+
+
+def hover_strips(axes: Axes, edges: Sequence[float], words: Iterable[str]) -> None:
+    """Lay an unseen strip with words over each part of an axis, from one edge to the next."""
+    for low, high, text in zip(edges[:-1], edges[1:], words, strict=True):
+        hover(axes.axvspan(low, high, color=INK, alpha=0, lw=0, zorder=9), text)
+
+
 def _embed(svg: str, name: str, alt: str) -> str:
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>\s*", "", svg, flags=re.S)
@@ -141,6 +161,7 @@ def _embed(svg: str, name: str, alt: str) -> str:
     quoted = escape(alt).replace("\\", r"\\")
     attributes = f' xmlns:xlink="http://www.w3.org/1999/xlink" role="img" aria-label="{quoted}"'
     svg = re.sub(r'<svg[^>]*?(viewBox="[^"]*")[^>]*>', rf"<svg \1{attributes}>", svg, count=1, flags=re.S)
+    svg = re.sub(rf'<g id="{_HOVER}([^"]*)">', r'<g class="hover"><title>\1</title>', svg)
     # Several figures share a page: their names must differ.
     svg = re.sub(r'\bid="', f'id="{name}-', svg)
     svg = re.sub(r'(url\(|xlink:href=")#', rf"\1#{name}-", svg)
