@@ -54,6 +54,11 @@ def quantity(value: float, unit: str, uncertainty: float = 0.0) -> str:
     return f"{scale.number(value, uncertainty)} {scale.unit}".rstrip()
 
 
+def signed_quantity(value: float, unit: str) -> str:
+    """Return a value with its sign and unit: ``−12 µm``."""
+    return f"{'−' if value < 0.0 else '+'}{quantity(abs(value), unit)}"
+
+
 def interval(low: float, high: float, unit: str, exact: bool = False) -> str:
     """Return an interval with its unit: ``0.51 to 0.69 N·m``; exact ends have three digits."""
     scale, half = Scale.of(max(abs(low), abs(high)), unit), 0.0 if exact else (high - low) / 2

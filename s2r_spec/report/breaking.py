@@ -42,7 +42,7 @@ def breaking_words(breaking: Breaking | None, units: Mapping[str, str]) -> str:
     test = test_words(breaking.test, units)
     margin = quantity(abs(breaking.rho), breaking.unit)
     sign = "" if breaking.holds else "−"
-    start = f"ρ of the machine is {sign}{margin} at its worst test{f', {test}' if test else ''}"
+    start = f"the machine has ρ = {sign}{margin} at its worst test{f', {test}' if test else ''}"
     near = [one for one in breaking.sizes if one.crossings][:FIRST]
     does = "breaks the requirement" if breaking.holds else "restores the requirement"
     if not near:

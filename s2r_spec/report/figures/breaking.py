@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from s2r_spec.base.quantity import quantity
 from s2r_spec.diagnose.gap.breaking import Breaking, BreakingSize
 from s2r_spec.report.breaking import breaking_cell
-from s2r_spec.report.figures.canvas import BAD, GOOD, INK, MUTED, Picture, draw, hover, shorten
+from s2r_spec.report.figures.canvas import BAD, GOOD, INK, MUTED, Picture, hover, pictured, shorten
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -47,7 +47,7 @@ def breaking_picture(breaking: Breaking, name: str) -> Picture:
         if breaking.holds
         else "What would restore the requirement"
     )
-    return Picture(title, caption, alt, draw(name, alt, (7.2, 0.9 + 0.3 * max(len(rows), 2)), paint))
+    return pictured(title, caption, alt, name, 0.9 + 0.3 * max(len(rows), 2), paint)
 
 
 def _row(axes: Axes, place: float, one: BreakingSize, holds: bool) -> None:

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from io import StringIO
 from typing import TYPE_CHECKING, Any
 
 from s2r_spec.base.arrays import FloatArray
+from s2r_spec.base.printable import spell_unit
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -59,6 +60,9 @@ _STYLE: dict[Any, Any] = {
     "legend.frameon": False,
     "legend.fontsize": 9,
 }
+WIDTH = 5.2
+"""Definition: width of a figure in a page [inch]. On a phone 390 pixels wide, text is then 10 pixels high."""
+_IN_A_PAGE: dict[Any, Any] = dict.fromkeys(("font.size", "axes.titlesize", "legend.fontsize"), 10.5)
 _WIDEST_NAME = 40
 _HOVER = "hover: "
 """Definition: how the name of something drawn begins whose rest a reader sees who points at it."""
@@ -74,13 +78,26 @@ class Picture:
     svg: str
 
 
-def draw(name: str, alt: str, size: tuple[float, float], paint: Callable[[Figure], None]) -> str:
+def pictured(
+    title: str, caption: str, alt: str, name: str, height: float, paint: Callable[[Figure], None]
+) -> Picture:
+    """Return a figure for a page, of a height [inch], named uniquely in it; ``paint`` draws on an empty figure."""
+    return Picture(title, caption, alt, draw(name, alt, (WIDTH, height), paint, _IN_A_PAGE))
+
+
+def draw(
+    name: str,
+    alt: str,
+    size: tuple[float, float],
+    paint: Callable[[Figure], None],
+    style: Mapping[Any, Any] | None = None,
+) -> str:
     """Return a figure of a size [inch] as SVG, named uniquely in its page; ``paint`` draws on an empty figure."""
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
     file = StringIO()
-    with mpl.rc_context(_STYLE | {"svg.hashsalt": name}), warnings.catch_warnings():
+    with mpl.rc_context({**_STYLE, **(style or {}), "svg.hashsalt": name}), warnings.catch_warnings():
         # The reader's browser has glyphs that the font for measuring lacks.
         warnings.filterwarnings("ignore", "Glyph .* missing from font", UserWarning)
         figure = Figure(figsize=size, layout="constrained")
@@ -96,7 +113,7 @@ def shorten(text: str) -> str:
 
 def with_unit(name: str, unit: str) -> str:
     """Return the label of an axis: ``vd [m/s]``."""
-    return f"{shorten(name)} [{unit}]" if unit else shorten(name)
+    return f"{shorten(name)} [{spell_unit(unit)}]" if unit else shorten(name)
 
 
 def panels(figure: Figure, count: int, columns: int) -> list[Axes]:
