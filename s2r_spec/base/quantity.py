@@ -71,9 +71,15 @@ def format_estimate(value: float, low: float, high: float, unit: str) -> str:
     if half <= 0.0:
         return quantity(value, unit)
     if abs(high + low - 2.0 * value) > SYMMETRIC * half:
-        return f"{quantity(value, unit, half)} ({interval(low, high, unit)})"
-    scale = Scale.of(value, unit)
+        return f"{middle(value, low, high, unit)} ({interval(low, high, unit)})"
+    scale = Scale.of(max(abs(low), abs(high)), unit)
     return f"{scale.number(value, half)} ± {scale.number(half, half)} {scale.unit}".rstrip()
+
+
+def middle(value: float, low: float, high: float, unit: str) -> str:
+    """Return the value of an estimate, with the digits and the prefix of its interval."""
+    scale = Scale.of(max(abs(low), abs(high)), unit)
+    return f"{scale.number(value, (high - low) / 2)} {scale.unit}".rstrip()
 
 
 def _round(value: float, uncertainty: float) -> str:

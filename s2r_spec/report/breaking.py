@@ -43,7 +43,7 @@ def breaking_words(breaking: Breaking | None, units: Mapping[str, str]) -> str:
     margin = quantity(abs(breaking.rho), breaking.unit)
     sign = "" if breaking.holds else "−"
     start = f"the machine has ρ = {sign}{margin} at its worst test{f', {test}' if test else ''}"
-    near = [one for one in breaking.sizes if one.crossings][:FIRST]
+    near = breaking.crossed[:FIRST]
     does = "breaks the requirement" if breaking.holds else "restores the requirement"
     if not near:
         return f"{start}, and no simulated size of a single effect {does}"

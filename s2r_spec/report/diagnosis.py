@@ -10,7 +10,7 @@ from rich.text import Text
 
 from s2r_spec.backend import short
 from s2r_spec.base.printable import one_line
-from s2r_spec.base.quantity import format_estimate, interval, quantity
+from s2r_spec.base.quantity import format_estimate, interval, middle
 from s2r_spec.diagnose.diagnosis import Diagnosis
 from s2r_spec.diagnose.gap.breaking import Breaking
 from s2r_spec.diagnose.inference.estimates import (
@@ -149,7 +149,7 @@ def _rows(effects: Iterable[EffectEstimate], breaking: Breaking | None) -> tuple
     return tuple(
         SizeRow(
             f"{one.effect}.{p.parameter}",
-            quantity(p.value, p.unit, (p.high - p.low) / 2),
+            middle(p.value, p.low, p.high, p.unit),
             interval(p.low, p.high, p.unit),
             format_estimate(p.value, p.low, p.high, p.unit),
             format_estimate(p.size, p.size_low, p.size_high, ""),

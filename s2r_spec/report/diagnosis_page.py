@@ -40,6 +40,7 @@ def render(diagnosis: Diagnosis, spec: Spec, real: str = "") -> str:
     body = None if where is None else where.body
     # The picture over one parameter shows the held-out tests already.
     shown = far is None or not far.tests or (over is not None and over.space.dim == 1)
+    crossed = diagnosis.breaking
     sizes = list(zip(words.sizes, _on_a_line(words.sizes), strict=True))
     test = "" if where is None else test_words(where.test, spec.space.units)
     return fill(
@@ -55,7 +56,7 @@ def render(diagnosis: Diagnosis, spec: Spec, real: str = "") -> str:
         shown=[one for one in sizes if one[0].status in SHOWN],
         folded=[one for one in sizes if one[0].status not in SHOWN],
         film=None if where is None or where.traces is None else film(where.traces, test),
-        breaking=None if diagnosis.breaking is None else breaking_picture(diagnosis.breaking, "breaking"),
+        breaking=breaking_picture(crossed, "breaking") if crossed and crossed.crossed else None,
         space=None if over is None else over_space(over, far, "space"),
         held_out=None if far is None or shown else before_and_after(far, spec.space.units, "held"),
         trace=None if where is None else blame(where, spec, "trace"),

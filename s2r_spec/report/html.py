@@ -43,8 +43,9 @@ def render(runs: Sequence[Run]) -> str:
 def prose(text: str) -> Markup:
     """Return text as HTML as people write it.
 
-    What is between backticks is code. A number stays with its percent sign, and |Δρ| and 1e-06 in one piece. Names may
-    break behind their dots, and a hash behind every eighth digit. A break is no character, so a copied name has none.
+    What is between backticks is code. A number stays with its percent sign, and |Δρ|, 1e-06 and --sim in one piece.
+    Names may break behind their dots, and a hash behind every eighth digit. A break is no character, so a copied name
+    has none.
     """
     from markupsafe import Markup, escape
 
@@ -54,7 +55,9 @@ def prose(text: str) -> Markup:
             parts[place] = f"<code>{words}</code>"
             continue
         words = re.sub(
-            r"\|[^\s|]+\||\d+e-\d+", r'<span class="whole">\g<0></span>', words.replace(" %", "\u00a0%")
+            r"\|[^\s|]+\||\d+e-\d+|--[a-z][\w-]*",
+            r'<span class="whole">\g<0></span>',
+            words.replace(" %", "\u00a0%"),
         )
         words = re.sub(r"(?<=[^\W\d]\.)(?=[^\W\d])", "<wbr>", words)
         parts[place] = re.sub(_HASH, lambda digits: re.sub("(.{8})(?=.)", r"\1<wbr>", digits[0]), words)

@@ -154,6 +154,11 @@ class Breaking(Shown):
         return self.rho >= 0.0
 
     @property
+    def crossed(self) -> tuple[BreakingSize, ...]:
+        """The parameters of which a simulated size changes the sign of ρ."""
+        return tuple(one for one in self.sizes if one.crossings)
+
+    @property
     def by_name(self) -> dict[str, BreakingSize]:
         """``payload.mass`` → its sizes."""
         return {one.name: one for one in self.sizes}

@@ -348,7 +348,7 @@ def _scatter(moved: FloatArray, groups: Sequence[ObservableGroup]) -> FloatArray
     there = np.isfinite(variance)
     if not there.all():
         variance = np.where(there, variance, np.nan_to_num(np.nanmax(np.nan_to_num(moved) ** 2, axis=0)))
-    for group in groups:
+    for group in (one for one in groups if one.start < one.stop):
         part = variance[group.start : group.stop]
         variance[group.start : group.stop] = 0.5 * (part + part.mean())
     return np.asarray(variance)

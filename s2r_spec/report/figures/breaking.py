@@ -32,7 +32,7 @@ def breaking_picture(breaking: Breaking, name: str) -> Picture:
 
     does = "breaks the requirement" if breaking.holds else "restores the requirement"
     alt = f"The sizes at which a single effect {does}: " + "; ".join(
-        f"{one.name} {breaking_cell(one)}" for one in rows if one.crossings
+        f"{one.name} {breaking_cell(one)}" for one in breaking.crossed
     )
     colours = ("Green", "red", "broken") if breaking.holds else ("Red", "green", "met")
     caption = (
