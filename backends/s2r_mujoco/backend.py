@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from math import ceil, isfinite
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -16,15 +16,30 @@ from s2r_mujoco.effects.physics import VARIANTS
 from s2r_mujoco.robot import Robot
 from s2r_mujoco.rollout import UNSTABLE, Record
 from s2r_mujoco.running import Running, running
-from s2r_spec.backend import Channel, Effect, Finding, LoopMistake, Needs, Parameter, Replayed, refuse_unknown
+from s2r_spec.backend import (
+    Channel,
+    Drawn,
+    Effect,
+    Finding,
+    LoopMistake,
+    Needs,
+    Parameter,
+    Replayed,
+    refuse_unknown,
+)
 from s2r_spec.effects import Choice, Values, as_values, choose, read_options, words
 from s2r_spec.errors import UsageError
 from s2r_spec.trace import Trace
+
+if TYPE_CHECKING:
+    from s2r_mujoco.pictures import View
 
 _CPU_PER_STEP, _CPU_PER_TICK = 2e-6, 1e-4
 """Budget: time of one core for a physics step, a degree of freedom, and for a control tick [s]; for planning."""
 _CAMERA = 4.0
 """Definition: distance of the camera, in distances between the robot's root and its farthest geom."""
+_NEAR = 2.6
+"""Definition: the same of a camera for small pictures, in which the robot just fits."""
 
 
 @dataclass(frozen=True)
@@ -217,7 +232,7 @@ class RobotBackend:
         Raises:
             UsageError: as :meth:`rollout`; or pictures cannot be drawn on this machine.
         """
-        from s2r_mujoco.pictures import TILES, View, draw
+        from s2r_mujoco.pictures import TILES, draw
 
         robot, trace = self._robot, self.rollout(params, seed)
         test = self._defaults | dict(params)
@@ -226,10 +241,28 @@ class RobotBackend:
         )
         positions = record.qpos[: len(trace)]
         tiles = np.linspace(0, len(trace) - 1, TILES[0] * TILES[1]).round().astype(int)
-        model = robot.file.compile(robot.changes(test), pictures=True)
-        view = View(_CAMERA * robot.reach, 0.3 * robot.reach, max(robot.plan.root, 0))
+        model, view = self._scene(test)
         draw(model, positions, tiles.tolist(), 1.0 / robot.plan.step, view, Path(path))
         return trace
+
+    def draw_trace(
+        self, trace: Trace, params: Mapping[str, float], times: Sequence[float], beside: Trace
+    ) -> Drawn:
+        """Draw a trace at times [s]; what it lacks is as in a simulated one. See :class:`HasTracePictures`."""
+        from s2r_mujoco.pictures import frames, positions_of
+
+        positions, missing = positions_of(self._robot, trace, times, beside)
+        model, view = self._scene(self._defaults | dict(params))
+        view = replace(view, distance=_NEAR * self._robot.reach, shadows=False)
+        return Drawn(np.array([*frames(model, positions, view)]), missing)
+
+    def _scene(self, test: Mapping[str, float]) -> tuple[Any, View]:
+        """Return the model of a test with its pictures, and the camera."""
+        from s2r_mujoco.pictures import View
+
+        robot = self._robot
+        model = robot.file.compile(robot.changes(test), pictures=True)
+        return model, View(_CAMERA * robot.reach, 0.3 * robot.reach, max(robot.plan.root, 0))
 
     def preflight(self, *, run: bool) -> Iterator[Finding]:
         """Yield what the files say together, and what is wrong with it; see :class:`s2r_spec.backend.HasPreflight`."""

@@ -113,16 +113,22 @@ def channels_of(model: Any, plan: Plan, columns: tuple[str, ...], acts: bool) ->
     return (*found, *_sensor_channels(model, taken))
 
 
-def _joint_channels(model: Any, plan: Plan, acts: bool) -> list[Computed]:
+def joint_channels(model: Any) -> dict[str, Joints]:
+    """Return the channels of positions, ``q`` of the hinges and ``q_slide``, each with its joints if there are any."""
     joints = joint_order.scalar_joints(model)
     slide = int(mujoco.mjtJoint.mjJNT_SLIDE)
-    slides = [joint for joint in joints if model.jnt_type[joint] == slide]
-    hinges = [joint for joint in joints if model.jnt_type[joint] != slide]
+    groups = {
+        "q": [joint for joint in joints if model.jnt_type[joint] != slide],
+        "q_slide": [joint for joint in joints if model.jnt_type[joint] == slide],
+    }
+    return {name: joint_order.named(model, group) for name, group in groups.items() if group}
+
+
+def _joint_channels(model: Any, plan: Plan, acts: bool) -> list[Computed]:
     found = []
-    for group, end, angle, force in ((hinges, "", "rad", "N*m"), (slides, "_slide", "m", "N")):
-        if not group:
-            continue
-        own, kind = joint_order.named(model, group), "slides" if end else "hinges"
+    for name, own in joint_channels(model).items():
+        end = name.removeprefix("q")
+        kind, angle, force = ("slides", "m", "N") if end else ("hinges", "rad", "N*m")
         width, names = len(own), own.names
         found += [
             Computed(

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -15,9 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_mujoco.arrays import FloatArray
+from s2r_mujoco.channels import joint_channels
+from s2r_mujoco.robot import Robot
+from s2r_mujoco.start import floor_height
 from s2r_spec.errors import UsageError, one_of, require
+from s2r_spec.trace import Trace
 
 Image = NDArray[np.uint8]
+Missing = tuple[str, ...]
+"""Sentences on what a trace lacks, and on how it is drawn instead."""
 
 WIDTH, HEIGHT = 400, 280
 """[pixels] of a frame."""
@@ -35,11 +42,13 @@ class View:
         distance: from the point [m].
         below: height of the body above the point [m].
         body: number of the body that it follows; 0 for a camera that stays.
+        shadows: whether shadows are drawn, which takes two thirds of the time.
     """
 
     distance: float
     below: float = 0.0
     body: int = 0
+    shadows: bool = True
 
 
 def draw(
@@ -77,6 +86,92 @@ def draw(
     first.save(path, save_all=True, append_images=rest, duration=1000 * every / rate, loop=0)
 
 
+def positions_of(
+    robot: Robot, trace: Trace, times: Sequence[float], beside: Trace
+) -> tuple[FloatArray, Missing]:
+    """Return (n, nq) positions of a robot at times of a trace, and what the trace lacks.
+
+    Joints are from ``q`` and ``q_slide``; the attitude of the base from ``quaternion``, the Euler angles, or roll and
+    pitch by ``gravity``; its place from ``x``, ``y``, ``z`` or ``height``. What is missing is as in the trace beside
+    it. A trace that ended earlier keeps its last position.
+    """
+    model, plan = robot.model, robot.plan
+    own, other = (_Sampled(one, times) for one in (trace, beside))
+    positions = np.repeat(plan.home[None], len(times), axis=0)
+    missing: list[str] = []
+
+    def put(columns: Any, what: str, read: Callable[[_Sampled], FloatArray | None]) -> None:
+        found, instead = read(own), read(other)
+        if found is None or np.isnan(found).any():
+            place = "the start pose of the model" if instead is None else "the simulated robot"
+            missing.append(f"no log of {what}: drawn as in {place}")
+            found = instead
+        if found is not None:
+            positions[:, columns] = found
+
+    for name, joints in joint_channels(model).items():
+        put(
+            joints.qpos, f"the joint positions {name}", partial(_Sampled.matrix, name=name, width=len(joints))
+        )
+    if plan.root >= 0:
+        first = int(model.jnt_qposadr[model.body_jntadr[plan.root]])
+        put(slice(first + 3, first + 7), "the attitude", _attitude)
+        if _attitude(own) is not None and not {"quaternion", "yaw"} & {*trace.channels}:
+            missing.append("no log of the heading: drawn straight ahead")
+        ground = floor_height(model)
+        put(first + 2, "the height", lambda one: one.height(ground))
+        put([first, first + 1], "the place on the floor", lambda one: one.columns("x", "y"))
+    return positions, tuple(missing)
+
+
+class _Sampled:
+    """The channels of a trace at the samples nearest to some times; None for one that is not there."""
+
+    def __init__(self, trace: Trace, times: Sequence[float]) -> None:
+        own = trace.times - trace.times[0]
+        self.trace = trace
+        self.rows = np.abs(own[None] - np.asarray(times)[:, None]).argmin(axis=1)
+
+    def matrix(self, name: str, width: int) -> FloatArray | None:
+        """Return (n, width) a channel."""
+        if name not in self.trace.channels:
+            return None
+        values = np.asarray(self.trace[name], dtype=float)[self.rows].reshape(len(self.rows), -1)
+        return values if values.shape[1] == width else None
+
+    def columns(self, *names: str) -> FloatArray | None:
+        """Return (n, names) several channels."""
+        if any(name not in self.trace.channels for name in names):
+            return None
+        return np.column_stack([self.trace[name][self.rows] for name in names]).astype(float)
+
+    def height(self, ground: float) -> FloatArray | None:
+        """Return (n,) the height of the base in the world."""
+        for name, zero in (("z", 0.0), ("height", ground)):
+            if (found := self.columns(name)) is not None:
+                return found[:, 0] + zero
+        return None
+
+
+def _attitude(one: _Sampled) -> FloatArray | None:
+    """Return (n, 4) quaternions, w first."""
+    if (quaternion := one.matrix("quaternion", 4)) is not None:
+        return quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
+    angles = one.columns("roll", "pitch")
+    if angles is None and (down := one.matrix("gravity", 3)) is not None:
+        angles = np.column_stack(
+            [np.arctan2(-down[:, 1], -down[:, 2]), np.arcsin(np.clip(down[:, 0], -1.0, 1.0))]
+        )
+    if angles is None:
+        return None
+    yaw = one.columns("yaw")
+    turns = np.column_stack([angles, np.zeros(len(angles)) if yaw is None else yaw[:, 0]])
+    quaternion = np.empty((len(turns), 4))
+    for row, euler in zip(quaternion, turns, strict=True):
+        mujoco.mju_euler2Quat(row, euler[::-1], "zyx")
+    return quaternion
+
+
 def frames(model: Any, positions: FloatArray, view: View) -> Iterator[Image]:
     """Yield (height, width, 3) images of a model at these positions."""
     data = mujoco.MjData(model)
@@ -94,6 +189,7 @@ def frames(model: Any, positions: FloatArray, view: View) -> Iterator[Image]:
             camera.lookat[:] = data.xpos[view.body] - (0.0, 0.0, view.below)
             everything = mujoco.mjtCatBit.mjCAT_ALL
             mujoco.mjv_updateScene(model, data, picture, None, camera, everything, scene)
+            scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = view.shadows
             renderer = context(model)
             image = np.empty((HEIGHT, WIDTH, 3), dtype=np.uint8)
             mujoco.mjr_render(area, scene, renderer)

@@ -2,6 +2,7 @@
 
 from s2r_spec.backend.capabilities import VOID as VOID
 from s2r_spec.backend.capabilities import Backend as Backend
+from s2r_spec.backend.capabilities import Drawn as Drawn
 from s2r_spec.backend.capabilities import Finding as Finding
 from s2r_spec.backend.capabilities import HasChosen as HasChosen
 from s2r_spec.backend.capabilities import HasControlLaw as HasControlLaw
@@ -12,6 +13,7 @@ from s2r_spec.backend.capabilities import HasPictures as HasPictures
 from s2r_spec.backend.capabilities import HasPreflight as HasPreflight
 from s2r_spec.backend.capabilities import HasRecordings as HasRecordings
 from s2r_spec.backend.capabilities import HasResiduals as HasResiduals
+from s2r_spec.backend.capabilities import HasTracePictures as HasTracePictures
 from s2r_spec.backend.capabilities import HasVariants as HasVariants
 from s2r_spec.backend.capabilities import KeepsRaw as KeepsRaw
 from s2r_spec.backend.capabilities import Needs as Needs

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, Protocol, Self, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
 
 from s2r_spec.backend.model import Channel, Effect, Parameter
 from s2r_spec.trace import Trace
@@ -64,6 +67,33 @@ class HasPictures(Protocol):
 
     def render(self, params: Mapping[str, float], seed: int, path: str | Path) -> Trace:
         """Run one test and draw it into a file.
+
+        Raises:
+            UsageError: it cannot be drawn on this computer.
+        """
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Pictures of a trace.
+
+    Attributes:
+        images: (n, height, width, 3) of 8 bits, one for each time.
+        missing: what the trace lacks, and how that was drawn instead; each in one sentence.
+    """
+
+    images: NDArray[np.uint8]
+    missing: tuple[str, ...]
+
+
+@runtime_checkable
+class HasTracePictures(Protocol):
+    """A backend that can draw a trace from its channels, whichever machine it is of."""
+
+    def draw_trace(
+        self, trace: Trace, params: Mapping[str, float], times: Sequence[float], beside: Trace
+    ) -> Drawn:
+        """Draw a trace at times [s]; what it lacks is as in a simulated trace of the same test.
 
         Raises:
             UsageError: it cannot be drawn on this computer.

@@ -54,9 +54,14 @@ def quantity(value: float, unit: str, uncertainty: float = 0.0) -> str:
     return f"{scale.number(value, uncertainty)} {scale.unit}".rstrip()
 
 
-def interval(low: float, high: float, unit: str) -> str:
-    """Return an interval with its unit: ``0.51 to 0.69 N·m``."""
-    scale, half = Scale.of(max(abs(low), abs(high)), unit), (high - low) / 2
+def signed_quantity(value: float, unit: str) -> str:
+    """Return a value with its sign and unit: ``−12 µm``."""
+    return f"{'−' if value < 0.0 else '+'}{quantity(abs(value), unit)}"
+
+
+def interval(low: float, high: float, unit: str, exact: bool = False) -> str:
+    """Return an interval with its unit: ``0.51 to 0.69 N·m``; exact ends have three digits."""
+    scale, half = Scale.of(max(abs(low), abs(high)), unit), 0.0 if exact else (high - low) / 2
     return f"{scale.number(low, half)} to {scale.number(high, half)} {scale.unit}".rstrip()
 
 
@@ -66,9 +71,15 @@ def format_estimate(value: float, low: float, high: float, unit: str) -> str:
     if half <= 0.0:
         return quantity(value, unit)
     if abs(high + low - 2.0 * value) > SYMMETRIC * half:
-        return f"{quantity(value, unit, half)} ({interval(low, high, unit)})"
-    scale = Scale.of(value, unit)
+        return f"{middle(value, low, high, unit)} ({interval(low, high, unit)})"
+    scale = Scale.of(max(abs(low), abs(high)), unit)
     return f"{scale.number(value, half)} ± {scale.number(half, half)} {scale.unit}".rstrip()
+
+
+def middle(value: float, low: float, high: float, unit: str) -> str:
+    """Return the value of an estimate, with the digits and the prefix of its interval."""
+    scale = Scale.of(max(abs(low), abs(high)), unit)
+    return f"{scale.number(value, (high - low) / 2)} {scale.unit}".rstrip()
 
 
 def _round(value: float, uncertainty: float) -> str:
@@ -78,4 +89,4 @@ def _round(value: float, uncertainty: float) -> str:
     places = (1 if round(uncertainty / 10.0 ** (exponent - 2)) < 355 else 0) - exponent
     if places > MOST_PLACES:
         return f"{value:.2g}"
-    return f"{round(value, places):.{max(places, 0)}f}"
+    return f"{round(value, places) + 0.0:.{max(places, 0)}f}"  # no "-0"

@@ -13,10 +13,10 @@ the posterior mean of all. The better one counts. The first rule that holds deci
 | END | a named value is at the end of its range, and surely less than 80 % is closed | none of these |
 | MISTAKE | an effect is named, and a mistake of the recordings explains more | none of these |
 | ALIKE | an effect is named, and a mistake of the recordings explains as much | confounded |
-| RIVALS | an effect is named, and more likely than not another one is large, too | confounded |
+| RIVALS | an effect is named, and more likely than not another one is large, or a mistake there | confounded |
 | OPEN | an effect is named, and an allowed experiment would settle a possible one | confounded |
 | EFFECT | an effect is named, or a mistake of the loop | named |
-| EITHER | more likely than not an effect is large, or a named one does not count | confounded |
+| EITHER | more likely than not an effect is large, or a mistake there, or a named one does not count | confounded |
 | SPREAD | the gap shows | no single cause |
 | NONE | else | no material gap |
 
@@ -130,6 +130,11 @@ class Evidence:
         return () if self.loop is None else self.loop.names
 
     @property
+    def doubtful(self) -> tuple[str, ...]:
+        """The effects, and loops with a mistake, of which more likely than not one is there beside what is named."""
+        return (*self.further, *(self.loop.possible if self.loop else ()))
+
+    @property
     def open(self) -> tuple[str, ...]:
         """The possible effects that an allowed experiment would settle."""
         return tuple(one.effect for one in self.separations if one.best(allowed=True))
@@ -169,10 +174,10 @@ class Evidence:
             return Rule.MISTAKE
         if named and self.named and self.rivals:
             return Rule.ALIKE
-        if named and self.further:
+        if named and self.doubtful:
             return Rule.RIVALS
         if named:
             return Rule.OPEN if self.open else Rule.EFFECT
-        if self.named or self.mistakes or self.further:
+        if self.named or self.mistakes or self.doubtful:
             return Rule.EITHER
         return Rule.SPREAD if shows else Rule.NONE

@@ -14,6 +14,7 @@ from s2r_spec.base.result import Result
 from s2r_spec.base.upper import upper
 from s2r_spec.diagnose.decision import Evidence, Rule, Verdict
 from s2r_spec.diagnose.experiment_design.next_test import NextTest
+from s2r_spec.diagnose.gap.breaking import Breaking
 from s2r_spec.diagnose.gap.held_out import HeldOutGap
 from s2r_spec.diagnose.gap.materiality import Materiality
 from s2r_spec.diagnose.gap.where import Where
@@ -193,11 +194,14 @@ class Diagnosis(Result, Shown):
         materiality: whether the gap matters; None for a diagnosis that was put together by hand.
         misfit: what the most probable set leaves of the difference of the traces.
         findings: suspected mistakes of the recordings; correct these first.
+        loop: the loop of code around the controller that the recordings show; None where they show none.
         assumptions: the assumptions, each in one sentence.
         notes: limits of the real rollouts, each in one sentence.
         passive: whether the data are tests of the specification alone, without a protocol.
         spec: the specification; None for a diagnosis that was put together by hand, which has no JSON object.
         real: name of the real machine; "" for rollouts without a name.
+        breaking: at which size each parameter alone would break the requirement on this machine; None where no test of
+            the library was run.
     """
 
     which: Which
@@ -209,10 +213,11 @@ class Diagnosis(Result, Shown):
     passive: bool = False
     spec: Spec | None = field(default=None, compare=False)
     real: str = ""
+    breaking: Breaking | None = None
 
     JSON = (
         "schema *provenance verdict rule=rule.word reason which where how_far materiality "
-        "misfit=evidence.misfit loop=evidence.loop left patch tuned passive assumptions notes "
+        "misfit=evidence.misfit loop=evidence.loop left patch tuned breaking passive assumptions notes "
         "findings=evidence.findings misread exit_code next"
     )
 

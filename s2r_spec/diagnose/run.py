@@ -36,6 +36,7 @@ from s2r_spec.diagnose.estimation import Estimate, estimate, size_prior
 from s2r_spec.diagnose.experiment_design.identifiability import Candidate, InformationForecast, separations
 from s2r_spec.diagnose.experiment_design.next_test import next_test
 from s2r_spec.diagnose.falls import falls, falls_alone
+from s2r_spec.diagnose.gap.breaking import breaking_sizes
 from s2r_spec.diagnose.gap.held_out import held_out_gap
 from s2r_spec.diagnose.gap.materiality import compared_at_all_tests
 from s2r_spec.diagnose.gap.nominal import Nominal
@@ -49,7 +50,6 @@ from s2r_spec.diagnose.inference.estimates import (
     mean_sizes,
     with_status,
 )
-from s2r_spec.diagnose.inference.prior import SURE
 from s2r_spec.diagnose.notes import notes
 from s2r_spec.diagnose.quality import Loop, certain_findings, likely_findings, with_loop_of
 from s2r_spec.diagnose.refusal import provenance, refusal
@@ -61,6 +61,7 @@ from s2r_spec.diagnose.simulator.cache import Cache
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import library, most_rollouts, refined_at
 from s2r_spec.diagnose.simulator.response import ResponseLibrary
+from s2r_spec.diagnose.simulator.score import Score
 from s2r_spec.diagnose.watched import Progress, Watched
 from s2r_spec.runs.repeatability import check_here, is_repeated
 from s2r_spec.runs.scorer import adapt_to_spec
@@ -204,7 +205,7 @@ class _Work:
 
     @property
     def mistakes(self) -> bool:
-        return self.loop is not None and bool(self.loop.mistakes)
+        return self.loop is not None and bool(self.loop.names)
 
     def library(self, experiments: Sequence[Experiment], where: str = "") -> ResponseLibrary:
         self.tell("trying each effect", 0, 0)
@@ -212,11 +213,16 @@ class _Work:
         def progress(stage: str, done: int, of: int) -> None:
             self.tell(stage + where, done, of)
 
-        return library(self.bench.backend, experiments, self.bench.pool, progress, self.cache)
+        return library(self.bench.backend, experiments, self.bench.pool, progress, self.cache, self.score)
 
     def simulated(self, experiments: Sequence[Experiment]) -> Expected:
         self.tell("timing a rollout of the simulator", 0, 0)
-        return of_library(self.bench.backend, most_rollouts(self.bench.backend, experiments, self.cache))
+        most = most_rollouts(self.bench.backend, experiments, self.cache, self.score)
+        return of_library(self.bench.backend, most)
+
+    @property
+    def score(self) -> Score:
+        return Score(self.bench.spec, self.bench.requirement, self.bench.matched)
 
     def counted(self, stage: str) -> Bench:
         """Return the bench whose jobs are the count of a stage."""
@@ -321,7 +327,7 @@ def _with_rival_loop(
         return work, data
     loop = rival_loops(bench, data.responses, tests, size_prior(data.responses), work.cache, work.tell)
     work = replace(work, loop=loop)
-    if loop is None or not loop.mistakes or loop.probability < SURE or not isinstance(bench.backend, HasLoop):
+    if loop is None or not loop.names or not isinstance(bench.backend, HasLoop):
         return work, data
     work = replace(work, bench=replace(bench, backend=bench.backend.with_mistakes(loop.mistakes)))
     return work, _recordings(work, data.rollouts, protocols, passive)
@@ -407,6 +413,7 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
         ASSUMPTIONS,
         (*lacking, *data.rollouts.notes),
         passive=not data.rollouts.protocols,
+        breaking=breaking_sizes(bench, fitted.library, tests, sizes),
     )
 
 

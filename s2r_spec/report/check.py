@@ -8,6 +8,7 @@ from typing import Any
 
 from s2r_spec.backend import short
 from s2r_spec.base.json_types import Location
+from s2r_spec.base.printable import spell_unit
 from s2r_spec.base.verdict import Verdict, worst
 from s2r_spec.certify.bound.certificate import Certificate, Label
 from s2r_spec.certify.bound.rounding import at_least, at_most, down, interval_text, up, width_text
@@ -82,7 +83,8 @@ def finding(spec: Spec, result: CheckResult) -> Finding:
 def test_words(params: Mapping[str, float], units: Mapping[str, str]) -> str:
     """Return a test with its units, in their order: ``vd = 0.3 m/s, slope = 2 deg``."""
     ordered = [*(name for name in units if name in params), *(name for name in params if name not in units)]
-    return ", ".join(f"{name} = {params[name]:.4g} {units.get(name, '')}".rstrip() for name in ordered)
+    spelled = {name: spell_unit(units.get(name, "")) for name in ordered}
+    return ", ".join(f"{name} = {params[name]:.4g} {spelled[name]}".rstrip() for name in ordered)
 
 
 def effort(result: Result, of: str = "") -> tuple[tuple[str, str], ...]:

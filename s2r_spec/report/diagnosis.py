@@ -10,8 +10,9 @@ from rich.text import Text
 
 from s2r_spec.backend import short
 from s2r_spec.base.printable import one_line
-from s2r_spec.base.quantity import format_estimate, interval, quantity
+from s2r_spec.base.quantity import format_estimate, interval, middle
 from s2r_spec.diagnose.diagnosis import Diagnosis
+from s2r_spec.diagnose.gap.breaking import Breaking
 from s2r_spec.diagnose.inference.estimates import (
     EffectEstimate,
     ParameterEstimate,
@@ -20,6 +21,7 @@ from s2r_spec.diagnose.inference.estimates import (
     with_status,
 )
 from s2r_spec.report.advice import next_step, settled_words
+from s2r_spec.report.breaking import breaking_cell, breaking_title, breaking_words
 from s2r_spec.report.gap_words import (
     body_words,
     gap_title,
@@ -42,6 +44,7 @@ class SizeRow:
         whole: value and interval of 90 %.
         size: in typical sizes, with its interval.
         probability: that the effect is at least a quarter of typical.
+        breaks: at which size the requirement breaks; "" where this is not known.
     """
 
     name: str
@@ -51,6 +54,7 @@ class SizeRow:
     size: str
     probability: str
     status: str
+    breaks: str
     parameter: ParameterEstimate
 
 
@@ -65,6 +69,8 @@ class Description:
         possible: (effect, its size, its probability, and the experiment that would settle it).
         ruled_out: names of effects; "" for none.
         hidden: names of the effects that the data do not show; "" for none.
+        breaks: head of the column of breaking sizes; "" without them.
+        breaking: the effects that break the requirement first, in a sentence; "" without them.
         sizes: of every parameter of the catalogue: named, possible, ruled out.
         gap: (name, text) rows on the gap of held-out rollouts; none without such rollouts.
         where: sentences on the worst test; none if the place of the gap was not asked for.
@@ -80,6 +86,8 @@ class Description:
     possible: tuple[tuple[str, str], ...]
     ruled_out: str
     hidden: str
+    breaks: str
+    breaking: str
     sizes: tuple[SizeRow, ...]
     gap_title: str
     gap: tuple[tuple[str, str], ...]
@@ -101,14 +109,16 @@ def describe(diagnosis: Diagnosis, spec: Spec) -> Description:
         mistakes=mistakes,
         notes=tuple(note for note in diagnosis.notes if note not in mistakes),
         matters=matters_words(diagnosis.materiality, spec.space.units),
-        named=_rows(by_status[Status.NAMED]),
+        named=_rows(by_status[Status.NAMED], diagnosis.breaking),
         possible=tuple(
             (one.effect, "; ".join(filter(None, (_size_words(one), settled.get(one.effect)))))
             for one in by_status[Status.POSSIBLE]
         ),
         ruled_out=names[Status.RULED_OUT],
         hidden=names[Status.HIDDEN],
-        sizes=_rows(one for status in Status for one in by_status[status]),
+        breaks=breaking_title(diagnosis.breaking),
+        breaking=breaking_words(diagnosis.breaking, spec.space.units),
+        sizes=_rows((one for status in Status for one in by_status[status]), diagnosis.breaking),
         gap_title="" if far is None else gap_title(far),
         gap=() if far is None else shrink_rows(far),
         where=() if where is None else where_words(where, spec),
@@ -134,16 +144,18 @@ def _passive_words(diagnosis: Diagnosis) -> str:
     )
 
 
-def _rows(effects: Iterable[EffectEstimate]) -> tuple[SizeRow, ...]:
+def _rows(effects: Iterable[EffectEstimate], breaking: Breaking | None) -> tuple[SizeRow, ...]:
+    breaks = {} if breaking is None else breaking.by_name
     return tuple(
         SizeRow(
             f"{one.effect}.{p.parameter}",
-            quantity(p.value, p.unit, (p.high - p.low) / 2),
+            middle(p.value, p.low, p.high, p.unit),
             interval(p.low, p.high, p.unit),
             format_estimate(p.value, p.low, p.high, p.unit),
             format_estimate(p.size, p.size_low, p.size_high, ""),
             f"{one.probability:.3f}",
             one.status.value,
+            breaking_cell(breaks.get(f"{one.effect}.{p.parameter}")),
             p,
         )
         for one in effects
@@ -176,8 +188,9 @@ def body(diagnosis: Diagnosis, spec: Spec) -> str:
     lines += [f"  {line}" for line in words.matters] + [f"  note: {line}" for line in words.notes]
     if words.named:
         title = "named" if diagnosis.which.answer else "fits best"
-        lines += ["", f"  {title:36} {'value (90 %)':28} parts of typical"]
-        lines += [f"  {row.name:36} {row.whole:28} {row.size}" for row in words.named]
+        head = (title, "value (90 %)", "parts of typical", words.breaks)
+        rows = [head, *((row.name, row.whole, row.size, row.breaks) for row in words.named)]
+        lines += ["", *("  {:36} {:28} {:24} {}".format(*row).rstrip() for row in rows)]
     if words.possible:
         lines += ["", f"  {'possible':36} value (90 %)"]
         lines += [f"  {name:36} {row}" for name, row in words.possible]
@@ -185,6 +198,7 @@ def body(diagnosis: Diagnosis, spec: Spec) -> str:
         lines += ["", f"  ruled out: {words.ruled_out}"]
     if words.hidden:
         lines += ["", f"  not visible in these data: {words.hidden}"]
+    lines += ["", f"  {words.breaking}"] if words.breaking else []
     if words.gap:
         lines += ["", f"  {words.gap_title}", *(f"    {name:6} {row}" for name, row in words.gap)]
     if words.where:
@@ -202,11 +216,23 @@ def markdown(diagnosis: Diagnosis, spec: Spec) -> str:
     lines += [f"{cell(words.passive)}.", ""] if words.passive else []
     lines += [*(f"- {cell(line)}" for line in words.matters), ""] if words.matters else []
     lines += _notes(words.notes)
-    lines += ["| parameter | value | 90 % interval | parts of typical | probability | effect is |"]
-    lines += ["| --- | ---: | --- | ---: | ---: | --- |"]
-    for row in words.sizes:
-        cells = (row.name, row.value, row.interval, row.size, row.probability, row.status)
-        lines.append(f"| {' | '.join(map(cell, cells))} |")
+    head = (
+        "parameter",
+        "value",
+        "90 % interval",
+        "parts of typical",
+        "probability",
+        "effect is",
+        words.breaks,
+    )
+    rows = [
+        (row.name, row.value, row.interval, row.size, row.probability, row.status, row.breaks)
+        for row in words.sizes
+    ]
+    width = len(head) if words.breaks else len(head) - 1
+    ruled = (head, ("---", "---:", "---", "---:", "---:", "---", "---"), *(map(cell, row) for row in rows))
+    lines += [f"| {' | '.join([*row][:width])} |" for row in ruled]
+    lines += ["", f"{cell(words.breaking)}."] if words.breaking else []
     if words.possible:
         lines += ["", "Possible:", "", *(f"- {name}: {cell(row)}" for name, row in words.possible)]
     if words.gap:

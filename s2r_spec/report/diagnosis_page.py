@@ -7,14 +7,22 @@ from pathlib import PurePath
 from typing import Any
 
 from s2r_spec.attribution.attribute import FormulaShare
+from s2r_spec.base.quantity import signed_quantity
 from s2r_spec.diagnose.diagnosis import Diagnosis
+from s2r_spec.diagnose.inference.estimates import Status
 from s2r_spec.diagnose.residuals.shifts import Body
+from s2r_spec.report.check import test_words
 from s2r_spec.report.diagnosis import SizeRow, describe
 from s2r_spec.report.figures.blame import blame
+from s2r_spec.report.figures.breaking import breaking_picture
+from s2r_spec.report.figures.film import film
 from s2r_spec.report.figures.robot import amount, robot
 from s2r_spec.report.figures.shrink import before_and_after, over_space
 from s2r_spec.report.html import fill
 from s2r_spec.spec import Spec
+
+SHOWN = (Status.NAMED.value, Status.POSSIBLE.value)
+"""Definition: effects whose parameters are shown at once; those of all others are folded."""
 
 
 def render(diagnosis: Diagnosis, spec: Spec, real: str = "") -> str:
@@ -32,6 +40,9 @@ def render(diagnosis: Diagnosis, spec: Spec, real: str = "") -> str:
     body = None if where is None else where.body
     # The picture over one parameter shows the held-out tests already.
     shown = far is None or not far.tests or (over is not None and over.space.dim == 1)
+    crossed = diagnosis.breaking
+    sizes = list(zip(words.sizes, _on_a_line(words.sizes), strict=True))
+    test = "" if where is None else test_words(where.test, spec.space.units)
     return fill(
         "diagnosis.html",
         diagnosis=diagnosis,
@@ -40,14 +51,16 @@ def render(diagnosis: Diagnosis, spec: Spec, real: str = "") -> str:
             f"{PurePath(spec.name).name}, requirement {p['requirement']}: {p['backend']}{against}, "
             f"{p['rollouts']} real rollouts, {p['held_out']} of them held out"
         ),
-        reason=_unbreak(diagnosis.reason),
-        next=_unbreak(words.next),
-        bars=_on_a_line(words.sizes),
+        reason=diagnosis.reason,
+        next=words.next,
+        shown=[one for one in sizes if one[0].status in SHOWN],
+        folded=[one for one in sizes if one[0].status not in SHOWN],
+        film=None if where is None or where.traces is None else film(where.traces, test),
+        breaking=breaking_picture(crossed, "breaking") if crossed and crossed.crossed else None,
         space=None if over is None else over_space(over, far, "space"),
         held_out=None if far is None or shown else before_and_after(far, spec.space.units, "held"),
         trace=None if where is None else blame(where, spec, "trace"),
-        formula=() if pair is None else _formula(pair.parts, pair.delta),
-        formula_unit="" if pair is None else pair.unit,
+        formula=() if pair is None else _formula(pair.parts, pair.delta, pair.unit),
         body=None if body is None else robot(body, "robot"),
         shifts=[] if body is None else _shifts(body),
         sources=list(_flatten(p)),
@@ -67,7 +80,7 @@ def _on_a_line(rows: tuple[SizeRow, ...]) -> list[tuple[float, float, float]]:
     return [(left, max(right - left, 0.5), at) for left, right, at in places]
 
 
-def _formula(parts: tuple[FormulaShare, ...], delta: float) -> list[tuple[str, float, str, str]]:
+def _formula(parts: tuple[FormulaShare, ...], delta: float, unit: str) -> list[tuple[str, float, str, str]]:
     """Return (label, width, words, tone) of the part of Δρ of each sub-formula, indented by its depth."""
     most = max((abs(part.amount) for part in parts), default=0.0)
     rows = []
@@ -75,14 +88,12 @@ def _formula(parts: tuple[FormulaShare, ...], delta: float) -> list[tuple[str, f
         if most > 0 and abs(part.amount) > 1e-3 * most:
             share = f", {100 * part.amount / delta:.0f} %" if delta else ""
             label = "\u2003" * part.depth + (f"{part.name}: " if part.name else "") + part.text
-            words, tone = f"{part.amount:+.3g}{share}", "worse" if part.amount < 0 else "better"
+            words, tone = (
+                f"{signed_quantity(part.amount, unit)}{share}",
+                "worse" if part.amount < 0 else "better",
+            )
             rows.append((label, _percent(abs(part.amount) / most), words, tone))
     return rows
-
-
-def _unbreak(sentence: str) -> str:
-    """Keep numbers and their percent signs on one line."""
-    return sentence.replace(" %", "\u00a0%")
 
 
 def _percent(part: float) -> float:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from s2r_spec.attribution.place import Place, ValueRange, cause_first
-from s2r_spec.base.quantity import Scale, format_estimate, quantity
+from s2r_spec.base.quantity import Scale, format_estimate, quantity, signed_quantity
 from s2r_spec.diagnose.gap import LEVEL
 from s2r_spec.diagnose.gap.held_out import HeldOutGap
 from s2r_spec.diagnose.gap.materiality import GapAtTest, Materiality
@@ -92,9 +92,8 @@ def where_words(where: Where, spec: Spec) -> tuple[str, ...]:
     """Return sentences on the worst test: its gap, and the time, channel and predicate that cause most of it."""
     unit = where.pair.unit
     test = test_words(where.test, spec.space.units)
-    lines = [
-        f"worst test of those run{f', {test}' if test else ''}: Δρ {_signed_words(where.pair.delta, unit)}{_rho(where)}"
-    ]
+    delta = signed_quantity(where.pair.delta, unit)
+    lines = [f"worst test of those run{f', {test}' if test else ''}: Δρ {delta}{_rho(where)}"]
     window = where.pair.window
     if where.pair.delta and window is None:
         part = round(100 * where.pair.ended / where.pair.delta)
@@ -107,7 +106,7 @@ def where_words(where: Where, spec: Spec) -> tuple[str, ...]:
     credit = {name: float(values.sum()) for name, values in where.pair.credit.items()}
     if credit and window is not None:
         name = max(credit, key=lambda n: abs(credit[n]))
-        lines.append(f"most of it comes from {name} ({_signed_words(credit[name], unit)})")
+        lines.append(f"most of it comes from {name} ({signed_quantity(credit[name], unit)})")
     if where.pair.switch is not None:
         lines.append(str(where.pair.switch))
     if where.space is not None:
@@ -115,11 +114,6 @@ def where_words(where: Where, spec: Spec) -> tuple[str, ...]:
         expected = format_estimate(*vars(where.space.largest).values())
         lines.append(f"worst test of the whole space is probably {place}: expected |Δρ| {expected} at 95 %")
     return tuple(lines)
-
-
-def _signed_words(value: float, unit: str) -> str:
-    """Return a quantity with its sign: ``−12 µm``."""
-    return f"{'−' if value < 0.0 else '+'}{quantity(abs(value), unit)}"
 
 
 def _rho(where: Where) -> str:
@@ -130,7 +124,7 @@ def _rho(where: Where) -> str:
     simulated, real = switch.simulated.simulated, switch.real.real
     if not math.isclose(real - simulated, pair.delta, rel_tol=1e-6, abs_tol=1e-12):
         return ""
-    own, other = _signed_words(simulated, pair.unit), _signed_words(real, pair.unit)
+    own, other = signed_quantity(simulated, pair.unit), signed_quantity(real, pair.unit)
     return f" (ρ {own} in simulation, {other} on the real machine)"
 
 

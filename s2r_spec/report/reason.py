@@ -32,12 +32,12 @@ def reason(diagnosis: Diagnosis) -> str:
                 others = join_names(diagnosis.evidence.open, "or")
                 sentences.append(f"{others} may be there, too; one more experiment would settle it.")
             if diagnosis.rule is Rule.RIVALS:
-                others = join_names(diagnosis.evidence.further, "or")
+                others = join_names(diagnosis.evidence.doubtful, "or")
                 sentences.append(f"There is probably a further cause: {others}.")
             sentences += _remainder(diagnosis)
         case Rule.EITHER:
             evidence = diagnosis.evidence
-            rivals = join_names(evidence.further or evidence.named or evidence.mistakes, "or")
+            rivals = join_names(evidence.doubtful or evidence.named or evidence.mistakes, "or")
             cause = f"There is probably a cause, but the data do not settle it: {rivals}."
             sentences = [material, cause, *_closes(diagnosis)]
         case Rule.SPREAD:

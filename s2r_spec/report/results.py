@@ -89,6 +89,7 @@ def _diagnosis_rows(result: Diagnosis) -> list[tuple[str, str]]:
     rows += [(f"{name} (possible)", row) for name, row in words.possible]
     rows += [("ruled out", words.ruled_out)] if words.ruled_out else []
     rows += [("not visible", words.hidden)] if words.hidden else []
+    rows += [(words.breaks, words.breaking)] if words.breaking else []
     rows += [(f"gap {name}", row) for name, row in words.gap]
     rows += [("where", "; ".join(words.where))] if words.where else []
     return [*rows, ("next", words.next), ("run", words.provenance)]

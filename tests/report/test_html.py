@@ -15,7 +15,7 @@ from tests.conftest import rewrite
 from tests.errors import naming, states
 from tests.report.conftest import invented, undrawn
 
-VOID = {"meta", "br", "hr", "img", "link", "input"}
+VOID = {"meta", "br", "hr", "img", "link", "input", "wbr", "source"}
 TWO = """\
 signal x {m}
 param  goal_x {m} in [-1, 1]
@@ -27,11 +27,12 @@ THREE = TWO.replace("require", "param  load {kg} in [0, 5]\nrequire").replace("2
 
 
 class Page(HTMLParser):
-    """Balanced tags, names given once, pictures that say what they show."""
+    """Balanced tags, names given once, pictures that say what they show; a place where a name may break is no text."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
         self.open, self.ids, self.pictures, self.fetched, self.words = [], [], [], [], []
+        self.breaks = False
         self.feed(text)
         self.close()
         assert not self.open
@@ -40,6 +41,7 @@ class Page(HTMLParser):
 
     def handle_starttag(self, tag, attrs):
         attributes = dict(attrs)
+        self.breaks = tag == "wbr"
         if tag not in VOID:
             self.open.append(tag)
         if "id" in attributes:
@@ -61,7 +63,8 @@ class Page(HTMLParser):
 
     def handle_data(self, data):
         if not self.open or self.open[-1] != "style":
-            self.words.append(data)
+            self.words.append(f"{self.words.pop()}{data}" if self.breaks else data)
+        self.breaks = False
 
 
 @pytest.fixture(scope="module")

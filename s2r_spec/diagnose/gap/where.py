@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from s2r_spec.attribution.attribute import Attribution, attribute
-from s2r_spec.backend import HasResiduals
+from s2r_spec.backend import Backend, HasResiduals
 from s2r_spec.base.documentation import page
 from s2r_spec.base.errors import TraceError
 from s2r_spec.base.json_values import Shown
@@ -33,6 +33,23 @@ NO_SIMULATOR = "no simulator with residuals was given, so the gap cannot be trac
 
 
 @dataclass(frozen=True, eq=False)
+class WorstPair:
+    """The traces behind the attribution, for pictures.
+
+    Attributes:
+        backend: the simulator.
+        params: the test in the simulator's units.
+        real: the real rollout.
+        simulated: the simulated rollout.
+    """
+
+    backend: Backend
+    params: Mapping[str, float]
+    real: Trace
+    simulated: Trace
+
+
+@dataclass(frozen=True, eq=False)
 class Where(Shown):
     """Where the gap lies.
 
@@ -48,6 +65,7 @@ class Where(Shown):
         trace: samples of both traces.
         body: the parts of the machine whose motion their model does not explain; None if this is unknown.
         no_body: the reason why body is null, in a sentence; None if there is a body.
+        traces: both rollouts at the worst test; None without a simulator. They are not in the JSON object.
     """
 
     space: GapSurface | None
@@ -55,6 +73,7 @@ class Where(Shown):
     pair: Attribution
     body: Body | None = None
     no_body: str | None = NO_SIMULATOR
+    traces: WorstPair | None = None
 
     JSON = (
         "space test delta=pair.delta time=pair.windows formula=pair.parts channels=pair.channels ended=pair.ended "
@@ -94,8 +113,11 @@ def locate(
     worst = max(gaps, key=lambda gap: abs(gap.gap))
     first = places[key_of(worst.params)][0]
     pair = attribute(spec, requirement, pairs.real[first][0], pairs.simulated[first][0], dict(worst.params))
-    body, no_body = (None, NO_SIMULATOR) if bench is None else body_of(bench, pairs, seed)
-    return Where(space, dict(worst.params), pair, body, no_body)
+    if bench is None:
+        return Where(space, dict(worst.params), pair)
+    shown = pairs.real[first][0], pairs.simulated[first][0]
+    traces = WorstPair(bench.backend, bench.matched.to_backend(worst.params), *shown)
+    return Where(space, dict(worst.params), pair, *body_of(bench, pairs, seed), traces)
 
 
 def predict(bench: Bench, values: Values, tests: Sequence[Test], seed: int) -> Predicted:

@@ -11,9 +11,12 @@ from dataclasses import dataclass, replace
 
 from s2r_spec.backend import HasLoop, LoopMistake
 from s2r_spec.base.json_values import Shown
-from s2r_spec.diagnose.inference.prior import SURE
+from s2r_spec.diagnose.inference.prior import LIKELY, POSSIBLE, SURE
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.simulator.bench import Bench, TestRun
+
+FILES = "the loop of the files"
+"""Definition: words for it."""
 
 
 @dataclass(frozen=True)
@@ -35,9 +38,22 @@ class Loop(Shown):
     JSON = "mistakes probability rivals words"
 
     @property
+    def sure(self) -> bool:
+        """Whether it is the loop of the machine."""
+        return self.probability >= SURE
+
+    @property
     def names(self) -> tuple[str, ...]:
-        """The mistakes, each in words."""
-        return tuple(one.name for one in self.mistakes)
+        """The mistakes that the loop surely has, each in words."""
+        return tuple(one.name for one in self.mistakes) if self.sure else ()
+
+    @property
+    def possible(self) -> tuple[str, ...]:
+        """Loops with a mistake, in words, of which more likely than not the machine has one; () where one is sure."""
+        every = dict([(words_of(self.mistakes), self.probability), *self.rivals])
+        if self.sure or every.pop(FILES, 0.0) >= LIKELY:
+            return ()
+        return tuple(words for words, p in every.items() if p >= POSSIBLE)
 
 
 def with_loop_of(bench: Bench, rollouts: Sequence[TestRun]) -> tuple[Bench, Loop | None]:
@@ -60,7 +76,7 @@ def with_loop_of(bench: Bench, rollouts: Sequence[TestRun]) -> tuple[Bench, Loop
 
 def words_of(mistakes: Sequence[LoopMistake]) -> str:
     """Return the mistakes of a loop in words."""
-    return " and ".join(one.name for one in mistakes) or "the loop of the files"
+    return " and ".join(one.name for one in mistakes) or FILES
 
 
 def by_loop(bench: Bench, rollouts: Sequence[TestRun]) -> list[Finding]:

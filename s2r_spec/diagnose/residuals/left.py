@@ -31,7 +31,7 @@ from s2r_spec.attribution.place import EXPLAINS, Place, ValueRange, cause_first,
 from s2r_spec.backend import HasResiduals, HasVariants
 from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.json_values import Ends, Shown
-from s2r_spec.base.printable import spell_unit
+from s2r_spec.base.quantity import signed_quantity
 from s2r_spec.diagnose.gap import FEWEST, LEVEL, SHOTS
 from s2r_spec.diagnose.residuals.cells import CELLS, Cell, CellColumn, Cells, part_names, path, widths_of
 from s2r_spec.diagnose.simulator.axes import EffectAxis, Values
@@ -126,7 +126,7 @@ class Remainder(Shown):
 
     def __str__(self) -> str:
         """Return it in words."""
-        what = f"{f'{self.size:+.3g}'.replace('-', '−')} {spell_unit(self.unit)}".strip()
+        what = signed_quantity(self.size, self.unit)
         what = f"a difference of {what} in {self.quantity}" if self.recorded else f"{what} of {self.quantity}"
         return f"{what} {self.place}"
 

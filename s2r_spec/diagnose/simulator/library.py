@@ -6,7 +6,7 @@ import hashlib
 import json
 import zlib
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 
@@ -22,7 +22,14 @@ from s2r_spec.diagnose.simulator.curve import ResponseCurve, Turn
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.observables import ObservableGroup
 from s2r_spec.diagnose.simulator.points import all_points, curved, most_visible, points_of, to_refine
-from s2r_spec.diagnose.simulator.response import Practice, Response, ResponseLibrary, replicates, values_at
+from s2r_spec.diagnose.simulator.response import (
+    Practice,
+    Response,
+    ResponseLibrary,
+    RobustnessCurve,
+    replicates,
+    values_at,
+)
 from s2r_spec.diagnose.simulator.runs import (
     NOMINAL_PILOT,
     PILOT,
@@ -34,6 +41,7 @@ from s2r_spec.diagnose.simulator.runs import (
     simulate,
     vectors,
 )
+from s2r_spec.diagnose.simulator.score import Score
 from s2r_spec.trace import Trace
 from s2r_spec.workers.pools import ExecutorFactory
 
@@ -61,10 +69,12 @@ def library(
     executor: ExecutorFactory | None = None,
     progress: Progress = lambda stage, done, of: None,
     cache: Cache | None = None,
+    score: Score | None = None,
 ) -> ResponseLibrary:
     """Return the responses of a simulator, as far as possible from runs of the cache.
 
-    Every parameter has its first points; one whose response is no straight line has all of them (:mod:`.points`).
+    Every parameter has its first points; one whose response is no straight line has all of them (:mod:`.points`). With
+    a score, the tests have ρ beside every size.
 
     Raises:
         UsageError: the backend declares no effects.
@@ -78,7 +88,8 @@ def library(
     quick = backend.cost * sum(len(job.seeds) for job in jobs) < CHEAP
     tell = partial(progress, "simulating every effect")
     designs = dict.fromkeys(experiments, whole if quick else some)
-    first = ResponseLibrary(some.parameters, _responses(backend, designs, executor, tell, cache))
+    simulated = _responses(backend, designs, executor, tell, cache, score)
+    first = ResponseLibrary(some.parameters, simulated, score)
     if quick:
         return first
     tell = partial(progress, "simulating small sizes")
@@ -109,9 +120,9 @@ def refined(
     made = {names: _Design.of(backend, first.parameters, names) for names in set(every.values())}
     designs = {experiment: made[names] for experiment, names in every.items()}
     cache = Cache.usual() if cache is None else cache
-    finer = _responses(backend, designs, executor, progress, cache)
+    finer = _responses(backend, designs, executor, progress, cache, first.score)
     own = {one.experiment: one for one in (*first.responses, *finer)}
-    return ResponseLibrary(first.parameters, tuple(own[e] for e in first.experiments))
+    return replace(first, responses=tuple(own[e] for e in first.experiments))
 
 
 def refined_at(
@@ -139,15 +150,22 @@ def _responses(
     executor: ExecutorFactory | None,
     progress: Callable[[int, int], None],
     cache: Cache,
+    score: Score | None,
 ) -> tuple[Response, ...]:
     wanted = {experiment: design.jobs(experiment) for experiment, design in designs.items()}
     places = {experiment: place_of(backend, experiment) for experiment in designs}
-    runs = simulate(backend, wanted, places, cache, executor, progress)
-    return tuple(design.response(experiment, runs[experiment]) for experiment, design in designs.items())
+    runs = simulate(backend, wanted, places, cache, executor, progress, score)
+    return tuple(
+        replace(design.response(e, runs[e]), robustness=design.robustness(e, runs[e], score))
+        for e, design in designs.items()
+    )
 
 
 def most_rollouts(
-    backend: Backend, experiments: Sequence[Experiment], cache: Cache | None = None
+    backend: Backend,
+    experiments: Sequence[Experiment],
+    cache: Cache | None = None,
+    score: Score | None = None,
 ) -> dict[Experiment, int]:
     """Return experiment → largest number of rollouts that its response takes; 0 where the cache has the first points.
 
@@ -164,10 +182,13 @@ def most_rollouts(
     have = kept(cache, {e: place_of(backend, e) for e in experiments}) if tried else {}
 
     def rollouts(experiment: Experiment) -> int:
-        rows = have[experiment].rows if experiment in have else {}
-        if all(job in rows for job in first.jobs(experiment)):
-            return 0
-        return probes + sum(len(job.seeds) for job in every.jobs(experiment) if job not in rows)
+        runs, needed = have.get(experiment), None if experiment.protocol else score
+
+        def missing(design: _Design) -> int:
+            jobs = design.jobs(experiment)
+            return sum(len(job.seeds) for job in jobs if runs is None or runs.lacks(job, needed))
+
+        return probes + missing(every) if missing(first) else 0
 
     return {experiment: rollouts(experiment) for experiment in experiments}
 
@@ -247,6 +268,21 @@ class _Design:
             for number, (at, name) in enumerate(self.machines)
         ]
 
+    def robustness(
+        self, experiment: Experiment, runs: Runs, score: Score | None
+    ) -> dict[int, RobustnessCurve]:
+        """Return ρ of a test over every parameter that acts alone, by its place; none of a protocol."""
+        scores = {} if score is None else runs.scores.get(score.key, {})
+        curves = {}
+        for k, axis in enumerate(self.parameters if scores else ()):
+            if not axis.base:
+                jobs = {
+                    axis.coordinate(axis.value(at)): _point_job(experiment, axis, at) for at in self.points[k]
+                }
+                nominal = scores[NOMINAL_PILOT][: replicates(experiment)]
+                curves[k] = RobustnessCurve.of({0.0: nominal} | {at: scores[job] for at, job in jobs.items()})
+        return curves
+
     def response(self, experiment: Experiment, runs: Runs) -> Response:
         """Return the response of an experiment from its runs."""
         observables, rows = runs.observables, runs.rows
@@ -312,7 +348,7 @@ def _scatter(moved: FloatArray, groups: Sequence[ObservableGroup]) -> FloatArray
     there = np.isfinite(variance)
     if not there.all():
         variance = np.where(there, variance, np.nan_to_num(np.nanmax(np.nan_to_num(moved) ** 2, axis=0)))
-    for group in groups:
+    for group in (one for one in groups if one.start < one.stop):
         part = variance[group.start : group.stop]
         variance[group.start : group.stop] = 0.5 * (part + part.mean())
     return np.asarray(variance)

@@ -13,7 +13,7 @@ observables, K parameters, V variants, M practice machines.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -26,6 +26,7 @@ from s2r_spec.diagnose.simulator.axes import EffectAxis, Values
 from s2r_spec.diagnose.simulator.curve import ResponseCurve
 from s2r_spec.diagnose.simulator.experiments import RESIDUAL, Experiment
 from s2r_spec.diagnose.simulator.observables import ObservableGroup, Observables
+from s2r_spec.diagnose.simulator.score import Score
 
 REPLICATES = {"test": 2, "protocol": 1}
 """Budget: runs of a response. A test's controller has a clock of its own, so that its runs differ more."""
@@ -68,6 +69,34 @@ class Practice:
 
 
 @dataclass(frozen=True, eq=False)
+class RobustnessCurve:
+    """Mean ρ of the runs with one parameter off nominal, at p sizes.
+
+    Attributes:
+        coordinates: (p,) rising, with 0 for nominal.
+        rho: (p,) mean over runs with the same seeds at every size; −∞ where a run ended early and has no ρ.
+        ended: (p,) whether a run ended early.
+    """
+
+    coordinates: FloatArray
+    rho: FloatArray
+    ended: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, scores: Mapping[float, FloatArray]) -> RobustnessCurve:
+        """Return that of coordinate → (runs, 2) scores; a run without ρ that went on to its end shows nothing."""
+        known = {}
+        for at, rows in scores.items():
+            ended = rows[:, 1] > 0.0
+            rho = np.where(ended & np.isnan(rows[:, 0]), -np.inf, rows[:, 0])
+            if not np.isnan(rho).any():
+                known[at] = rho.mean(), ended.any()
+        order = sorted(known)
+        rho, ended = (np.array([known[at][n] for at in order]) for n in (0, 1))
+        return cls(np.array(order), rho.astype(float), ended.astype(bool))
+
+
+@dataclass(frozen=True, eq=False)
 class Response:
     """What the simulator does in one experiment.
 
@@ -80,6 +109,7 @@ class Response:
         variants: (V, m) responses to the simulator's variants.
         practice: runs of practice machines.
         runs: (R, m) nominal runs, the first seed first; they need not be made again.
+        robustness: ρ over every parameter that acts alone, by its place; none without a requirement.
     """
 
     experiment: Experiment
@@ -92,6 +122,7 @@ class Response:
     variants: FloatArray
     practice: Practice
     runs: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    robustness: Mapping[int, RobustnessCurve] = field(default_factory=dict)
 
     @cached_property
     def calibrated(self) -> dict[tuple[object, ...], Any]:
@@ -125,10 +156,15 @@ def replicates(experiment: Experiment) -> int:
 
 @dataclass(frozen=True)
 class ResponseLibrary:
-    """Responses of every experiment to every parameter of the catalogue, in its order."""
+    """Responses of every experiment to every parameter of the catalogue, in its order.
+
+    Attributes:
+        score: the requirement of which the tests have ρ; None for none.
+    """
 
     parameters: tuple[EffectAxis, ...]
     responses: tuple[Response, ...]
+    score: Score | None = None
 
     @property
     def experiments(self) -> tuple[Experiment, ...]:

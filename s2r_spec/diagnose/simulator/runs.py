@@ -1,7 +1,8 @@
 """Runs of the simulator, reduced to observables where they are made, and kept as they end.
 
-What is kept of an experiment is one file: its observables, and a row of them for each run. A response is computed from
-rows, so a library that needs further runs finds the earlier ones there, and so does one that was killed.
+What is kept of an experiment is one file: its observables, and a row of them for each run, with ρ of each requirement
+that was asked for (:mod:`.score`). A response is computed from rows, so a library that needs further runs finds the
+earlier ones there, and so does one that was killed.
 
 Shapes: m observables.
 """
@@ -9,7 +10,7 @@ Shapes: m observables.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
@@ -22,12 +23,15 @@ from numpy.typing import NDArray
 
 from s2r_spec.backend import Backend, HasEffects, HasVariants
 from s2r_spec.backend.files import pack, unpack
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import BackendError
 from s2r_spec.diagnose.simulator.axes import Values
 from s2r_spec.diagnose.simulator.cache import Cache
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.innovations import Innovations
 from s2r_spec.diagnose.simulator.observables import Observables, ObservedQuantity
+from s2r_spec.diagnose.simulator.score import UNKNOWN, Score
+from s2r_spec.trace import Trace
 from s2r_spec.workers.pools import ExecutorFactory, as_they_end
 
 K = TypeVar("K")
@@ -42,6 +46,8 @@ EVERY = 20.0
 
 Rows = NDArray[np.float32]
 """(runs, m) observables of runs; NaN where a run ended before."""
+SCORES = "score "
+"""Definition: prefix of the arrays of ρ in a file, before the key of the requirement."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +64,11 @@ class Job:
         frozen = tuple((effect, tuple(sorted(own.items()))) for effect, own in sorted(values.items()))
         return cls(frozen, variant, tuple(range(SEED + first, SEED + first + runs)))
 
+    @property
+    def alone(self) -> bool:
+        """Whether it has one effect, or none."""
+        return len(self.values) < 2 and not self.variant
+
 
 NOMINAL_PILOT = Job.of({}, PILOT)
 """Definition: the runs that decide the observables."""
@@ -65,10 +76,27 @@ NOMINAL_PILOT = Job.of({}, PILOT)
 
 @dataclass
 class Runs:
-    """What was run of one experiment: its observables, and the rows of every job. It grows."""
+    """What was run of one experiment: its observables, and the rows of every job. It grows.
+
+    Attributes:
+        scores: key of a requirement → (runs, 2) ρ of the runs of each job, and whether they ended early.
+    """
 
     observables: Observables
     rows: dict[Job, Rows] = field(default_factory=dict)
+    scores: dict[str, dict[Job, FloatArray]] = field(default_factory=dict)
+
+    def lacks(self, job: Job, score: Score | None = None) -> bool:
+        """Return whether a job was not run, or is of one effect and was run without ρ of a requirement."""
+        return job not in self.rows or (
+            score is not None and job.alone and job not in self.scores.get(score.key, ())
+        )
+
+    def add(self, job: Job, rows: Rows, scores: FloatArray, score: Score | None) -> None:
+        """Take the rows and the scores of a job."""
+        self.rows[job] = rows
+        if score is not None:
+            self.scores.setdefault(score.key, {})[job] = scores
 
     def save(self, path: Path) -> None:
         """Write it as NPZ."""
@@ -82,7 +110,11 @@ class Runs:
             "jobs": [(job.values, job.variant, job.seeds) for job in self.rows],
         }
         rows = np.concatenate([*self.rows.values(), np.zeros((0, o.size), dtype=np.float32)])
-        np.savez_compressed(path, header=np.array(json.dumps(header)), rows=rows)
+        scores = {
+            SCORES + key: np.concatenate([own.get(job, [UNKNOWN] * len(job.seeds)) for job in self.rows])
+            for key, own in self.scores.items()
+        }
+        np.savez_compressed(path, header=np.array(json.dumps(header)), rows=rows, **scores)  # type: ignore[arg-type]
 
     @classmethod
     def load(cls, path: Path) -> Runs:
@@ -93,6 +125,7 @@ class Runs:
         """
         with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
             header, rows = json.loads(str(arrays["header"])), np.asarray(arrays["rows"], dtype=np.float32)
+            scores = {name.removeprefix(SCORES): arrays[name] for name in arrays if name.startswith(SCORES)}
         quantities = tuple(
             ObservedQuantity(name, channel, minus, np.array(scale))
             for name, channel, minus, scale in header["quantities"]
@@ -110,6 +143,9 @@ class Runs:
         if rows.shape != (ends[-1], runs.observables.size):
             raise ValueError("the rows do not fit the observables and the jobs")
         runs.rows = dict(zip(jobs, np.split(rows, ends[:-1]), strict=True))
+        for key, values in scores.items():
+            own = zip(jobs, np.split(values, ends[:-1]), strict=True)
+            runs.scores[key] = {job: row for job, row in own if not np.isnan(row[:, 1]).any()}
         return runs
 
 
@@ -126,8 +162,11 @@ def simulate(
     cache: Cache,
     executor: ExecutorFactory | None = None,
     progress: Callable[[int, int], None] = lambda done, of: None,
+    score: Score | None = None,
 ) -> dict[Experiment, Runs]:
     """Return the runs of all wanted jobs: those that the cache has, and the rest, which runs now and is kept.
+
+    With a score, every run has one, and a job of one effect that the cache has without it runs again.
 
     The experiments run one after the other, the longest first, so that most are whole early and no worker waits at the
     end.
@@ -136,8 +175,11 @@ def simulate(
         BackendError: a nominal run fails, or a worker dies.
     """
     every = kept(cache, places)
-    missing = {e: [j for j in jobs if e not in every or j not in every[e].rows] for e, jobs in wanted.items()}
-    new = {experiment: () for experiment in wanted if experiment not in every}
+    needed = {experiment: None if experiment.protocol else score for experiment in wanted}
+    missing = {
+        e: [j for j in jobs if e not in every or every[e].lacks(j, needed[e])] for e, jobs in wanted.items()
+    }
+    new = {experiment: (needed[experiment],) for experiment in wanted if experiment not in every}
     what, of = f"simulated effects on backend {backend.name!r}", sum(map(len, missing.values()))
     done, file = 0, _Files(cache, places, every)
 
@@ -151,12 +193,12 @@ def simulate(
             file.grown(experiment)
             progress(done := done + 1, of)
         jobs = {
-            (e, job): (every[e].observables,)
+            (e, job): (every[e].observables, needed[e])
             for e in sorted(wanted, key=length, reverse=True)
             for job in sorted(missing[e], key=lambda job: -len(job.seeds))
         }
-        for (experiment, job), rows in each(backend, vectors, jobs, executor, what):
-            every[experiment].rows[job] = rows
+        for (experiment, job), found in each(backend, scored, jobs, executor, what):
+            every[experiment].add(job, *found, needed[experiment])
             missing[experiment].remove(job)
             file.grown(experiment, whole=not missing[experiment])
             progress(done := done + 1, of)
@@ -221,7 +263,7 @@ def _of_copy(backend: bytes, function: Callable[..., T], *arguments: Any) -> T:
     return function(_unpack(backend), *arguments)
 
 
-def pilot(backend: Backend, experiment: Experiment) -> Runs:
+def pilot(backend: Backend, experiment: Experiment, score: Score | None = None) -> Runs:
     """Return the nominal runs that decide the observables.
 
     Raises:
@@ -236,13 +278,20 @@ def pilot(backend: Backend, experiment: Experiment) -> Runs:
                 "simulator that passes it"
             )
         traces.append(experiment.with_residuals(trace, backend))
-    observables = Observables.of_nominal(traces)
-    rows = np.array([observables.vector(trace) for trace in traces], dtype=np.float32)
-    return Runs(observables, {NOMINAL_PILOT: rows})
+    runs = Runs(Observables.of_nominal(traces))
+    runs.add(NOMINAL_PILOT, *_read(traces, experiment, runs.observables, score), score)
+    return runs
 
 
 def vectors(backend: Backend, what: tuple[Experiment, Job], observables: Observables) -> Rows:
     """Return (runs, m) the observables of a job's runs; NaN where a run ended before."""
+    return scored(backend, what, observables)[0]
+
+
+def scored(
+    backend: Backend, what: tuple[Experiment, Job], observables: Observables, score: Score | None = None
+) -> tuple[Rows, FloatArray]:
+    """Return (runs, m) the observables of a job's runs, and (runs, 2) their scores; NaN without one."""
     experiment, job = what
     machine: Any = backend
     if job.variant:
@@ -252,5 +301,15 @@ def vectors(backend: Backend, what: tuple[Experiment, Job], observables: Observa
         assert isinstance(machine, HasEffects)
         machine = machine.with_effects({effect: dict(values) for effect, values in job.values})
     runs = (experiment.run(machine, seed) for seed in job.seeds)
-    rows = [observables.vector(experiment.with_residuals(run, backend)) for run in runs]
-    return np.array(rows, dtype=np.float32)
+    return _read((experiment.with_residuals(run, backend) for run in runs), experiment, observables, score)
+
+
+def _read(
+    traces: Iterable[Trace], experiment: Experiment, observables: Observables, score: Score | None
+) -> tuple[Rows, FloatArray]:
+    pairs = [
+        (observables.vector(trace), UNKNOWN if score is None else score.row(trace, experiment))
+        for trace in traces
+    ]
+    rows, scores = zip(*pairs, strict=True)
+    return np.array(rows, dtype=np.float32), np.array(scores)

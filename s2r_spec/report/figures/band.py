@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from s2r_spec.base.arrays import FloatArray
+from s2r_spec.base.quantity import signed_quantity
 from s2r_spec.certify.bound.certificate import Certificate
 from s2r_spec.certify.bound.rounding import down, interval_text, up, width_text
 from s2r_spec.certify.result.check_result import Tested
 from s2r_spec.certify.search.search import Search
+from s2r_spec.report.check import test_words
 from s2r_spec.report.figures.canvas import (
     BAND,
     INK,
@@ -23,9 +25,11 @@ from s2r_spec.report.figures.canvas import (
     PAPER,
     Picture,
     add_scale,
-    draw,
+    hover_points,
+    hover_strips,
     paint_map,
     panels,
+    pictured,
     shade_violation,
     with_unit,
 )
@@ -117,7 +121,7 @@ def _along(field: Field, name: str) -> Picture:
         f"{field.name.capitalize()} {field.symbol} lies in the band simultaneously for all tests. Dots are "
         f"{field.dots}, larger for more; bars reach from the lowest to the highest. {field.remark}"
     ).strip()
-    return Picture(field.title, caption, alt, draw(name, alt, (7.2, 3.6), paint))
+    return pictured(field.title, caption, alt, name, 3.4, paint)
 
 
 def _slices(field: Field, name: str) -> Picture:
@@ -136,7 +140,7 @@ def _slices(field: Field, name: str) -> Picture:
     )
     rows = -(-len(shown) // 2)
     title = f"{field.title}: slices through the {field.pointed}"
-    return Picture(title, caption, alt, draw(name, alt, (7.2, 2.4 * rows), paint))
+    return pictured(title, caption, alt, name, 2.1 * rows, paint)
 
 
 def _paint_slice(axes: Axes, field: Field, axis: Axis, tests: Sequence[Tested]) -> None:
@@ -152,6 +156,7 @@ def _paint_slice(axes: Axes, field: Field, axis: Axis, tests: Sequence[Tested]) 
         sizes = [9 + 60 * test.rollouts / most for test in tests]
         means = [test.mean for test in tests]
         axes.scatter(where, means, s=sizes, color=INK, lw=0, zorder=3, label="mean of a test")
+        hover_points(axes, where, means, [_mean(test, field) for test in tests])
     mark = field.mark[axis.name]
     axes.plot(mark, field.height, "v", color="none", mec=INK, ms=13, zorder=4, label=field.pointed)
     # 0, every rollout and the whole lower bound are shown; a wide upper bound may be cut off.
@@ -171,8 +176,8 @@ def _maps(field: Field, name: str) -> Picture:
     across, along = field.space.axes
     lower, upper = field.bounds(field.space.grid((_SIDE, _SIDE)))
     maps = {
-        f"at least (lower bound of E {field.symbol})": lower.reshape(_SIDE, _SIDE).T,
-        f"at most (upper bound of E {field.symbol})": upper.reshape(_SIDE, _SIDE).T,
+        "lower bound": lower.reshape(_SIDE, _SIDE).T,
+        "upper bound": upper.reshape(_SIDE, _SIDE).T,
     }
     tests, mark = field.tests, field.mark
     # Far from any test the bounds are about ±B, so the colour scale comes from the tests.
@@ -186,8 +191,9 @@ def _maps(field: Field, name: str) -> Picture:
             image = paint_map(axes, values, extent, scale, "nearest")
             if values.min() < 0 < values.max():
                 axes.contour(values, [0.0], colors=["black"], linewidths=1.2, extent=extent, origin="lower")
-            where = ([test.params[axis.name] for test in tests] for axis in (across, along))
-            axes.scatter(*where, s=7, c="black", lw=0)
+            x, y = ([test.params[axis.name] for test in tests] for axis in (across, along))
+            axes.scatter(x, y, s=7, c="black", lw=0)
+            hover_points(axes, x, y, [_mean(test, field) for test in tests])
             axes.plot(mark[across.name], mark[along.name], "v", color=PAPER, mec=INK, ms=9, clip_on=False)
             axes.grid(False)
             axes.set_title(title)
@@ -204,7 +210,13 @@ def _maps(field: Field, name: str) -> Picture:
         f"{field.name.capitalize()} {field.symbol} lies between the two maps simultaneously for all tests. Blue is "
         f"above 0, red below, the black line is 0. Dots are tests, the triangle is the {field.pointed}. {field.remark}"
     ).strip()
-    return Picture(field.title, caption, alt, draw(name, alt, (7.2, 3.4), paint))
+    return pictured(field.title, caption, alt, name, 3.0, paint)
+
+
+def _mean(test: Tested, field: Field) -> str:
+    """Return a test, its mean and the number of its rollouts."""
+    words = test_words(test.params, field.space.units)
+    return f"{words}: {field.symbol} {signed_quantity(test.mean, field.unit)}, {test.rollouts} rollouts"
 
 
 def interval(
@@ -230,6 +242,11 @@ def interval(
         room = _MARGIN * max(last.epsilon, 1e-12)
         axes.set_ylim(min(lower[-1] - room / 3, -room / 6), max(upper[-1] + room, room / 6))
         axes.set_xlim(rollouts[0], rollouts[-1] * 1.12)
+        ends = [
+            f"after {n} {counted}: {interval_text(*one)} {unit}".rstrip()
+            for n, *one in zip(rollouts, lower, upper, strict=True)
+        ]
+        hover_strips(axes, [*rollouts, rollouts[-1] * 1.12], ends)
         axes.set_xlabel(counted)
         axes.set_ylabel(with_unit(what, unit))
         shade_violation(axes)
@@ -243,4 +260,4 @@ def interval(
         f"Lower and upper end after each batch{valid}. The final width is {width_text(last.epsilon)}; "
         f"the target was {last.target:g}."
     )
-    return Picture(title, caption, alt, draw(name, alt, (7.2, 2.6), paint))
+    return pictured(title, caption, alt, name, 2.4, paint)

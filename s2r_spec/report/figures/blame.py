@@ -9,9 +9,10 @@ import numpy as np
 
 from s2r_spec.attribution.attribute import Attribution, label_components
 from s2r_spec.base.errors import S2RError
+from s2r_spec.base.quantity import signed_quantity
 from s2r_spec.diagnose.gap.where import Where
 from s2r_spec.report.check import test_words
-from s2r_spec.report.figures.canvas import BAD, GOOD, INK, Picture, draw, with_unit
+from s2r_spec.report.figures.canvas import BAD, GOOD, INK, Picture, hover, pictured, with_unit
 from s2r_spec.report.figures.tolerance import Component, Margins
 from s2r_spec.report.figures.traces import Panel, legend_lines, limits, paint_panel
 from s2r_spec.spec import Spec
@@ -38,10 +39,12 @@ def blame(where: Where, spec: Spec, name: str) -> Picture:
         ratios = [2.0] * len(panels) + [1.5]
         rows = figure.subplots(len(ratios), 1, sharex=True, squeeze=False, height_ratios=ratios)[:, 0]
         for axes, panel in zip(rows, panels, strict=False):
-            paint_panel(axes, panel, None)
+            paint_panel(axes, panel, None, ("real", "simulated"))
         last = rows[-1]
         colours = [BAD if value < 0 else GOOD for value in amount]
-        last.bar(edges[:-1], amount, np.diff(edges), align="edge", color=colours, alpha=0.8, lw=0)
+        bars = last.bar(edges[:-1], amount, np.diff(edges), align="edge", color=colours, alpha=0.8, lw=0)
+        for bar, begin, end, value in zip(bars, edges[:-1], edges[1:], amount, strict=True):
+            hover(bar, f"{begin:.3g} to {end:.3g} s: {signed_quantity(value, pair.unit)} of Δρ")
         last.axhline(0, color=INK, lw=0.8)
         last.set_ylabel(with_unit("part of Δρ", pair.unit))
         last.set_xlabel("time [s]")
@@ -66,8 +69,8 @@ def blame(where: Where, spec: Spec, name: str) -> Picture:
         caption += (
             f" {pair.ended:+.3g} {pair.unit} is not in the samples: {pair.reason or 'the end of a trace'}."
         )
-    size = (7.2, 1.4 + 1.7 * len(panels) + 1.0)
-    return Picture("When and where in the trace", caption, alt, draw(name, alt, size, paint))
+    height = 1.9 + 1.4 * len(panels)
+    return pictured("When and where in the trace", caption, alt, name, height, paint)
 
 
 def _panels(where: Where, spec: Spec) -> list[Panel]:

@@ -8,15 +8,17 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from io import StringIO
 from typing import TYPE_CHECKING, Any
 
 from s2r_spec.base.arrays import FloatArray
+from s2r_spec.base.printable import spell_unit
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
@@ -58,7 +60,12 @@ _STYLE: dict[Any, Any] = {
     "legend.frameon": False,
     "legend.fontsize": 9,
 }
+WIDTH = 5.2
+"""Definition: width of a figure in a page [inch]. On a phone 390 pixels wide, text is then 10 pixels high."""
+_IN_A_PAGE: dict[Any, Any] = dict.fromkeys(("font.size", "axes.titlesize", "legend.fontsize"), 10.5)
 _WIDEST_NAME = 40
+_HOVER = "hover: "
+"""Definition: how the name of something drawn begins whose rest a reader sees who points at it."""
 
 
 @dataclass(frozen=True)
@@ -71,13 +78,26 @@ class Picture:
     svg: str
 
 
-def draw(name: str, alt: str, size: tuple[float, float], paint: Callable[[Figure], None]) -> str:
+def pictured(
+    title: str, caption: str, alt: str, name: str, height: float, paint: Callable[[Figure], None]
+) -> Picture:
+    """Return a figure for a page, of a height [inch], named uniquely in it; ``paint`` draws on an empty figure."""
+    return Picture(title, caption, alt, draw(name, alt, (WIDTH, height), paint, _IN_A_PAGE))
+
+
+def draw(
+    name: str,
+    alt: str,
+    size: tuple[float, float],
+    paint: Callable[[Figure], None],
+    style: Mapping[Any, Any] | None = None,
+) -> str:
     """Return a figure of a size [inch] as SVG, named uniquely in its page; ``paint`` draws on an empty figure."""
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
     file = StringIO()
-    with mpl.rc_context(_STYLE | {"svg.hashsalt": name}), warnings.catch_warnings():
+    with mpl.rc_context({**_STYLE, **(style or {}), "svg.hashsalt": name}), warnings.catch_warnings():
         # The reader's browser has glyphs that the font for measuring lacks.
         warnings.filterwarnings("ignore", "Glyph .* missing from font", UserWarning)
         figure = Figure(figsize=size, layout="constrained")
@@ -93,7 +113,7 @@ def shorten(text: str) -> str:
 
 def with_unit(name: str, unit: str) -> str:
     """Return the label of an axis: ``vd [m/s]``."""
-    return f"{shorten(name)} [{unit}]" if unit else shorten(name)
+    return f"{shorten(name)} [{spell_unit(unit)}]" if unit else shorten(name)
 
 
 def panels(figure: Figure, count: int, columns: int) -> list[Axes]:
@@ -134,6 +154,23 @@ def shade_violation(axes: Axes) -> None:
     axes.set_ylim(low, high)
 
 
+def hover(artist: Artist, words: str) -> None:
+    """Give something drawn the words that a reader sees who points at it."""
+    artist.set_gid(_HOVER + words)
+
+
+def hover_points(axes: Axes, x: Iterable[float], y: Iterable[float], words: Iterable[str]) -> None:
+    """Lay an unseen dot with words over each of some points."""
+    for at, height, text in zip(x, y, words, strict=True):
+        hover(axes.plot([at], [height], "o", ms=12, mew=0, color=INK, alpha=0, zorder=9)[0], text)
+
+
+def hover_strips(axes: Axes, edges: Sequence[float], words: Iterable[str]) -> None:
+    """Lay an unseen strip with words over each part of an axis, from one edge to the next."""
+    for low, high, text in zip(edges[:-1], edges[1:], words, strict=True):
+        hover(axes.axvspan(low, high, color=INK, alpha=0, lw=0, zorder=9), text)
+
+
 def _embed(svg: str, name: str, alt: str) -> str:
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>\s*", "", svg, flags=re.S)
@@ -141,6 +178,7 @@ def _embed(svg: str, name: str, alt: str) -> str:
     quoted = escape(alt).replace("\\", r"\\")
     attributes = f' xmlns:xlink="http://www.w3.org/1999/xlink" role="img" aria-label="{quoted}"'
     svg = re.sub(r'<svg[^>]*?(viewBox="[^"]*")[^>]*>', rf"<svg \1{attributes}>", svg, count=1, flags=re.S)
+    svg = re.sub(rf'<g id="{_HOVER}([^"]*)">', r'<g class="hover"><title>\1</title>', svg)
     # Several figures share a page: their names must differ.
     svg = re.sub(r'\bid="', f'id="{name}-', svg)
     svg = re.sub(r'(url\(|xlink:href=")#', rf"\1#{name}-", svg)

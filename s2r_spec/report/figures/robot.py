@@ -7,9 +7,9 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from s2r_spec.base.printable import spell_unit
+from s2r_spec.base.quantity import quantity, signed_quantity
 from s2r_spec.diagnose.residuals.shifts import Body, BodyPart, Shift
-from s2r_spec.report.figures.canvas import BAND, INK, MUTED, RULE, Picture, draw, shorten
+from s2r_spec.report.figures.canvas import BAND, INK, MUTED, RULE, Picture, hover, pictured, shorten
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -60,16 +60,15 @@ def robot(body: Body, name: str) -> Picture:
     left = sum(bool(part.shifts) for part in body.parts) - len(rows)
     if left > 0:
         caption += f" {left} more parts are in the JSON."
-    size = (7.2, height + (3.4 if legs else 0.0))
-    return Picture("Which part of the machine", caption, alt, draw(name, alt, size, paint))
+    tall = height + (3.0 if legs else 0.0)
+    return pictured("Which part of the machine", caption, alt, name, tall, paint)
 
 
 def amount(shift: Shift) -> str:
     """Return the residual and the size of a shift: "force −19.9 N"."""
     steady = abs(shift.mean) > 0.5 * shift.size
-    sign = f"{shift.mean:+.3g}" if steady else f"±{shift.size:.3g}"
-    kind = " (rms)" if shift.kind == "rms" else ""
-    return f"{shift.channel}{kind} {sign} {spell_unit(shift.unit)}".rstrip().replace("-", "−")
+    size = signed_quantity(shift.mean, shift.unit) if steady else f"±{quantity(shift.size, shift.unit)}"
+    return f"{shift.channel}{' (rms)' if shift.kind == 'rms' else ''} {size}"
 
 
 def _timeline(
@@ -77,15 +76,18 @@ def _timeline(
 ) -> None:
     places = range(len(rows) - 1, -1, -1)
     for place, (part, shift) in zip(places, rows, strict=True):
-        axes.broken_barh(
+        bar = axes.broken_barh(
             [(shift.begin, shift.end - shift.begin)], (place - 0.36, 0.72),
             facecolor=BAND, alpha=0.15 + 0.6 * strong[part.name], edgecolor="none",
         )  # fmt: skip
+        hover(
+            bar, f"{part.name}, {shift.begin:.3g} to {shift.end:.3g} s: {amount(shift)}, {shift.sigma:.3g} σ"
+        )
         times = f"{shift.sigma:.0f} σ" if shift.sigma >= 10 else f"{shift.sigma:.2g} σ"
         late = shift.begin > 0.55 * duration
         axes.text(
             min(shift.end, duration) - 0.01 * duration if late else shift.begin + 0.01 * duration, place,
-            f"{shorten(amount(shift))} ({times})", va="center", ha="right" if late else "left", size=9, color=INK,
+            f"{shorten(amount(shift))} ({times})", va="center", ha="right" if late else "left", color=INK,
         )  # fmt: skip
     axes.set_yticks(list(places), [shorten(part.name) for part, _ in rows])
     axes.set_ylim(-0.7, max(len(rows), 1) - 0.3)
@@ -108,16 +110,16 @@ def _quadruped(axes: Axes, strong: Mapping[str, float]) -> None:
     def box(x: float, y: float, width: float, height: float, part: str, label: str) -> None:
         rounded = "round,pad=0,rounding_size=0.12"
         fill(partial(FancyBboxPatch, (x, y), width, height, boxstyle=rounded), part)
-        axes.text(x + width / 2, y + height / 2, label, ha="center", va="center", size=8.5, color=INK)
+        axes.text(x + width / 2, y + height / 2, label, ha="center", va="center", color=INK)
 
     box(-2.2, -0.7, 4.4, 1.4, next((name for name in _TRUNK if name in strong), ""), "trunk")
     axes.plot([2.2, 2.6, 2.2], [0.35, 0.0, -0.35], color=MUTED, lw=1)
-    axes.text(2.8, 0.0, "front", va="center", size=8.5, color=MUTED)
+    axes.text(2.8, 0.0, "front", va="center", color=MUTED)
     drawn = set(_TRUNK)
     for leg in LEGS:
         side = 1.0 if leg.endswith("L") else -1.0
         x = 1.0 if leg.startswith("F") else -2.2
-        axes.text(x - 0.12, side * 1.05, leg, ha="right", va="center", size=10, color=INK, fontweight="bold")
+        axes.text(x - 0.12, side * 1.05, leg, ha="right", va="center", color=INK, fontweight="bold")
         for k, joint in enumerate(JOINTS):
             y = 0.82 + 0.6 * k if side > 0 else -0.82 - 0.6 * k - 0.5
             part, sensor = f"{leg} {joint}", f"{leg} {joint} encoder"
@@ -127,11 +129,11 @@ def _quadruped(axes: Axes, strong: Mapping[str, float]) -> None:
         y = side * (0.82 + 0.6 * 3 + 0.22)
         fill(partial(Circle, (x + 0.6, y), 0.22), f"{leg} foot")
         drawn.add(f"{leg} foot")
-        axes.text(x + 0.9, y, "foot", va="center", size=8, color=MUTED)
+        axes.text(x + 0.9, y, "foot", va="center", color=MUTED)
     others = [name for name in strong if name not in drawn and strong[name] > 0]
     axes.text(
         3.3, -2.6, "small rings: encoders" + (f"\nalso: {', '.join(others[:3])}" if others else ""),
-        size=8.5, color=MUTED, va="bottom",
+        color=MUTED, va="bottom",
     )  # fmt: skip
     axes.set_xlim(-5.2, 5.6)
     axes.set_ylim(-3.1, 3.1)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from s2r_spec.base.quantity import signed_quantity
 from s2r_spec.diagnose.gap.held_out import HeldOut, HeldOutGap
+from s2r_spec.diagnose.gap.materiality import RolloutsAtTest
 from s2r_spec.diagnose.gap.surface import GapSurface
 from s2r_spec.report.check import test_words
 from s2r_spec.report.figures.canvas import (
@@ -19,9 +21,10 @@ from s2r_spec.report.figures.canvas import (
     PAPER,
     Picture,
     add_scale,
-    draw,
+    hover_points,
     paint_map,
     panels,
+    pictured,
     shorten,
     with_unit,
 )
@@ -65,7 +68,8 @@ def before_and_after(far: HeldOutGap, units: dict[str, str], name: str) -> Pictu
             axes.plot(after, rows, "o", color=GOOD, ms=6, zorder=4, label="after")
         counts = [f" (×{test.rollouts})" if test.rollouts > 1 else "" for test in tests]
         axes.set_yticks(rows, [shorten(name) + count for name, count in zip(named, counts, strict=True)])
-        axes.set_ylabel(shorten(", ".join(tests[0].params)), size=9)
+        axes.set_ylabel(shorten(", ".join(tests[0].params)))
+        hover_points(axes, before, rows, [_gaps(test, units, far.unit) for test in tests])
         axes.set_ylim(-0.7, len(tests) - 0.3)
         axes.set_xlim(left=0)
         axes.set_xlabel(with_unit("|Δρ|", far.unit))
@@ -86,7 +90,7 @@ def before_and_after(far: HeldOutGap, units: dict[str, str], name: str) -> Pictu
     if left:
         caption += f" {left} more tests, with smaller gaps, are not drawn."
     title = "Held-out tests: the gap before and after" if far.after else "Held-out tests: the gap"
-    return Picture(title, caption, alt, draw(name, alt, (7.2, 1.35 + 0.27 * len(tests)), paint))
+    return pictured(title, caption, alt, name, 1.35 + 0.27 * len(tests), paint)
 
 
 def _curve(space: GapSurface, held: Sequence[HeldOut], name: str) -> Picture:
@@ -116,7 +120,7 @@ def _curve(space: GapSurface, held: Sequence[HeldOut], name: str) -> Picture:
         f"{worst:.4g} {axis.unit}; {len(held)} held-out tests"
     )
     caption = _caption(space, bool(held))
-    return Picture("The gap over the test space", caption, alt, draw(name, alt, (7.2, 3.6), paint))
+    return pictured("The gap over the test space", caption, alt, name, 3.4, paint)
 
 
 def _band(axes: Axes, space: GapSurface, axis: int, **dots: Any) -> None:
@@ -133,6 +137,7 @@ def _band(axes: Axes, space: GapSurface, axis: int, **dots: Any) -> None:
     along = space.space.axes[axis]
     where, gaps = [test.params[along.name] for test in space.tests], [test.gap for test in space.tests]
     axes.plot(where, gaps, "o", color=INK, **dots)
+    hover_points(axes, where, gaps, [_gap(test, space) for test in space.tests])
     axes.set_xlabel(with_unit(along.name, along.unit))
 
 
@@ -154,7 +159,7 @@ def _slices(space: GapSurface, name: str) -> Picture:
         " Each slice goes through the worst test (dashed red). Every slice shows all tests, also those off the slice."
     )
     title = "The gap over the test space: slices through the worst test"
-    return Picture(title, caption, alt, draw(name, alt, (7.2, 2.7 * rows), paint))
+    return pictured(title, caption, alt, name, 2.4 * rows, paint)
 
 
 def _maps(space: GapSurface, held: Sequence[HeldOut], name: str) -> Picture:
@@ -171,17 +176,20 @@ def _maps(space: GapSurface, held: Sequence[HeldOut], name: str) -> Picture:
         image = paint_map(both[0], values, extent, scale, "bilinear")
         x, y = ([test.params[a.name] for test in space.tests] for a in (across, up))
         both[0].scatter(x, y, s=12, c="black", lw=0)
+        hover_points(both[0], x, y, [_gap(test, space) for test in space.tests])
         both[0].plot(
             space.worst[across.name], space.worst[up.name], "v", color=PAPER, mec=INK, ms=10, clip_on=False
         )
-        both[0].set_title("before: E Δρ, and the tests")
+        both[0].set_title("before: E Δρ, tests")
         if after:
             x, y = ([test.params[a.name] for test, _ in after] for a in (across, up))
             both[1].scatter(
                 x, y, s=90, c=[value for _, value in after], cmap="RdBu", vmin=-scale, vmax=scale,
                 edgecolors=INK, linewidths=0.8,
             )  # fmt: skip
-            both[1].set_title("after, on held-out tests")
+            both[1].set_title("after, held-out tests")
+            units = space.space.units
+            hover_points(both[1], x, y, [_gaps(test, units, space.unit) for test, _ in after])
         for axes in both:
             axes.grid(False)
             axes.set_xlabel(with_unit(across.name, across.unit))
@@ -201,7 +209,20 @@ def _maps(space: GapSurface, held: Sequence[HeldOut], name: str) -> Picture:
         + " The triangle is the most probable worst test"
         + ("; on the right, in the same colours, the gap with the named effects added." if after else ".")
     )
-    return Picture("The gap over the test space", caption, alt, draw(name, alt, (7.2, 3.4), paint))
+    return pictured("The gap over the test space", caption, alt, name, 3.0, paint)
+
+
+def _gap(test: RolloutsAtTest, space: GapSurface) -> str:
+    """Return a test and its Δρ."""
+    return f"{test_words(test.params, space.space.units)}: Δρ {signed_quantity(test.gap, space.unit)}".lstrip(
+        ": "
+    )
+
+
+def _gaps(test: HeldOut, units: Mapping[str, str], unit: str) -> str:
+    """Return a held-out test and its Δρ before and after."""
+    words = f"{test_words(test.params, units)}: Δρ {signed_quantity(test.before, unit)}".lstrip(": ")
+    return words if test.after is None else f"{words}, {signed_quantity(test.after, unit)} after"
 
 
 def _caption(space: GapSurface, held: bool) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,7 @@ from s2r_spec import logs
 from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import S2RError
 from s2r_spec.report.check import test_words
-from s2r_spec.report.figures.canvas import BAD, BAND, INK, MUTED, Picture, draw, with_unit
+from s2r_spec.report.figures.canvas import BAD, BAND, INK, MUTED, Picture, hover_strips, pictured, with_unit
 from s2r_spec.report.figures.tolerance import Component, Margins, held_predicates, margins, reads
 from s2r_spec.runs.journal import Record
 from s2r_spec.runs.scorer import Scorer
@@ -32,6 +33,8 @@ _MOST_TRACES = 2
 _MOST_PANELS = 6
 _MOST_SIBLINGS = 8
 _VALUES = 121
+_STRIPS = 32
+"""Definition: parts of the time axis at which a reader can point."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +114,7 @@ def _picture(
     def paint(figure: Figure) -> None:
         rows = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
         for axes, panel in zip(rows, panels, strict=True):
-            paint_panel(axes, panel, reason)
+            paint_panel(axes, panel, reason, (runs.called, other))
         if beside:
             lines = legend_lines(rows[0], runs.called, other)
             rows[0].legend(handles=lines, loc="upper left", ncols=2, borderaxespad=0, bbox_to_anchor=(0, 1.2))
@@ -125,7 +128,7 @@ def _picture(
     caption = f"{decided}{fell} The requirement forbids the red area" + (
         "; thin lines are other rollouts at this test." if panels[0].others else "."
     )
-    return Picture(title, caption, alt, draw(name, alt, (7.2, 0.7 + 1.9 * len(panels)), paint))
+    return pictured(title, caption, alt, name, 0.7 + 1.6 * len(panels), paint)
 
 
 def legend_lines(axes: Axes, own: str, beside: str) -> list[Line2D]:
@@ -202,8 +205,11 @@ def limits(
     return tuple(limit for limit in curves if limit is not None)
 
 
-def paint_panel(axes: Axes, panel: Panel, reason: Explanation | None) -> None:
-    """Draw one signal and its forbidden values; with a reason, also the instant that decides ρ."""
+def paint_panel(axes: Axes, panel: Panel, reason: Explanation | None, names: tuple[str, str]) -> None:
+    """Draw one signal and its forbidden values; with a reason, also the instant that decides ρ.
+
+    ``names`` are those of the signal's source, and of what is drawn beside it.
+    """
     edges: list[float] = []
     for limit in panel.limits:
         forbidden = limit.margins < 0
@@ -230,3 +236,12 @@ def paint_panel(axes: Axes, panel: Panel, reason: Explanation | None) -> None:
     room = 0.15 * (max(shown) - min(shown) or 1.0)
     axes.set_ylim(min(shown) - room, max(shown) + room)
     axes.set_ylabel(panel.label)
+    edges = np.linspace(panel.times[0], panel.times[-1], _STRIPS + 1).tolist()
+    hover_strips(axes, edges, [_told(panel, names, (a + b) / 2) for a, b in pairwise(edges)])
+
+
+def _told(panel: Panel, names: tuple[str, str], time: float) -> str:
+    """Return the values at a time: "t = 0.52 s: real 0.31, simulated 0.28; vx [m/s]"."""
+    drawn = [(names[0], (panel.times, panel.samples)), *((names[1], one) for one in panel.beside[:1])]
+    values = ", ".join(f"{name} {np.interp(time, *samples):.3g}" for name, samples in drawn)
+    return f"t = {time:.3g} s: {values}; {panel.label}"
