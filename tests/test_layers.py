@@ -37,7 +37,7 @@ LAYERS = [
 ROBOTS = SIMULATOR.parent / "s2r_mujoco"
 ROBOT_LAYERS = [
     {"backend"},
-    {"interface", "new", "pictures", "preflight"},
+    {"held", "interface", "new", "pictures", "preflight"},
     {"running"},
     {"robot"},
     {"parameters"},
@@ -48,7 +48,7 @@ ROBOT_LAYERS = [
     {"law", "plan"},
     {"joints"},
     {"description", "model"},
-    {"model_files"},
+    {"fixed_base", "model_files"},
     {"deploy"},
     {"arrays"},
 ]

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from s2r_mujoco.effects.physics import VARIANTS
+from s2r_mujoco.held.player import Player
+from s2r_mujoco.held.residuals import residuals
 from s2r_mujoco.robot import Robot
 from s2r_mujoco.rollout import UNSTABLE, Record
 from s2r_mujoco.running import Running, running
@@ -28,7 +30,8 @@ from s2r_spec.backend import (
     refuse_unknown,
 )
 from s2r_spec.effects import Choice, Values, as_values, choose, read_options, words
-from s2r_spec.errors import UsageError
+from s2r_spec.errors import TraceError, UsageError
+from s2r_spec.protocols import PLAYED, PROTOCOL, Protocol, named
 from s2r_spec.trace import Trace
 
 if TYPE_CHECKING:
@@ -283,29 +286,89 @@ class RobotBackend:
 
     def loop(self, trace: Trace) -> Iterator[Finding]:
         """Yield what a log says of the control loop of the files; see :class:`s2r_spec.backend.HasLoop`."""
+        from s2r_mujoco.held.quality import log_findings
         from s2r_mujoco.interface.check import loop_findings
 
-        yield from loop_findings(self._robot, trace)
+        if self._robot.held or trace.meta.get(PROTOCOL):
+            yield from log_findings(self._player, trace)
+        else:
+            yield from loop_findings(self._robot, trace)
+
+    @cached_property
+    def _player(self) -> Player:
+        """The robot without its policy, held in the air."""
+        mine = self._running
+        held = mine if mine.robot.held else running(Path(self._parts[0]), held=True)
+        return Player(held, self.cost / self.duration)
+
+    def protocols(self) -> tuple[Protocol, ...]:
+        """Return the protocols of the held robot; none if its joints are not driven to positions."""
+        return self._player.protocols() if self._is_driven else ()
+
+    @property
+    def _is_driven(self) -> bool:
+        """Whether all joints of the files are driven to positions, so that the robot moves without its policy."""
+        law = self._robot.plan.law
+        return bool((law.has_target & ~law.speed).all())
+
+    def run(self, protocol: str, params: Mapping[str, float], seed: int) -> Trace:
+        """Run a protocol on the held robot; see :class:`s2r_spec.protocols.HasProtocols`."""
+        named(self.protocols(), protocol, self.name)
+        motion, values = self._player.motion(protocol, params)
+        record = self._player.run(motion, seed, self._choice, self.variant)
+        return self._held_trace(record, {PROTOCOL: protocol, "params": values, "seed": seed})
+
+    def playable(self, protocol: str, params: Mapping[str, float]) -> Trace:
+        """Return the references of a protocol for the robot's own joint controller."""
+        return self._player.playable(protocol, params)
+
+    def play(self, inputs: Trace, params: Mapping[str, float], seed: int) -> Trace:
+        """Play the ``target`` of a log on the held robot, from the log's first positions, without the policy."""
+        refuse_unknown(self.name, self.parameters, params)
+        record = self._player.replay(inputs, seed, self._choice, self.variant)
+        return self._held_trace(record, {PROTOCOL: PLAYED, "params": dict(params), "seed": seed})
+
+    def residuals(self, trace: Trace, params: Mapping[str, float] | None = None) -> Trace:
+        """Return the torques that the model does not explain; see :mod:`s2r_mujoco.held.residuals`.
+
+        Raises:
+            TraceError: the trace is of a test with a policy, whose contacts no log has; or it lacks channels.
+        """
+        if not (self._robot.held or trace.meta.get(PROTOCOL)):
+            raise TraceError("forces of contacts are unknown in a test, so only a held robot has residuals")
+        if not self._is_driven:
+            raise TraceError(
+                "the files drive the joints to no positions, so nothing is known of the actuators"
+            )
+        return residuals(self._player, trace, params or {}, self._choice)
+
+    def _held_trace(self, record: Record, facts: dict[str, Any]) -> Trace:
+        meta: dict[str, Any] = {"backend": self.name, "model_hash": self.model_hash, **facts}
+        if record.unstable:
+            meta["failure"] = UNSTABLE
+        return self._player.robot.trace(record, meta)
 
     def replayed(self, traces: Sequence[Trace]) -> Replayed | None:
         """Return which loop recordings show, by the policy on their state; see :mod:`s2r_mujoco.interface.replay`."""
         from s2r_mujoco.interface.log import Log
         from s2r_mujoco.interface.replay import replayed
 
-        return replayed([Log(self._robot, trace) for trace in traces])
+        return None if self._robot.held else replayed([Log(self._robot, trace) for trace in traces])
 
     def as_logged(self, traces: Sequence[Trace]) -> Self:
         """Return this robot with the torques of the physics step before a sample, where recordings have these."""
         from s2r_mujoco.interface.check import torque_is_before
         from s2r_mujoco.interface.log import Log
 
+        if self._robot.held:
+            return self
         return replace(self, torque_before=torque_is_before([Log(self._robot, trace) for trace in traces]))
 
     def mistakes(self) -> dict[LoopMistake, Self]:
         """Return the mistakes that the files make possible, and for each this robot with that loop."""
         from s2r_mujoco.interface.switches import switches
 
-        found = [one.mistake for one in switches(self._robot)]
+        found = [] if self._robot.held else [one.mistake for one in switches(self._robot)]
         return {one: self.with_mistakes([one]) for one in found}
 
     def with_mistakes(self, mistakes: Sequence[LoopMistake]) -> Self:

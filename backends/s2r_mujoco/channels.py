@@ -94,7 +94,9 @@ class Attitude:
         return np.moveaxis(np.array(rows), -1, 0)
 
 
-def channels_of(model: Any, plan: Plan, columns: tuple[str, ...], acts: bool) -> tuple[Computed, ...]:
+def channels_of(
+    model: Any, plan: Plan, columns: tuple[str, ...], acts: bool, trained: bool = True
+) -> tuple[Computed, ...]:
     """Return the channels of a robot.
 
     Args:
@@ -102,8 +104,9 @@ def channels_of(model: Any, plan: Plan, columns: tuple[str, ...], acts: bool) ->
         plan: the plan of its rollouts.
         columns: names of the components of an observation; empty without a trained policy.
         acts: whether the controller is a function that returns the controls.
+        trained: whether there is a policy, whose output is a channel.
     """
-    found = [*_joint_channels(model, plan, acts)]
+    found = [*_joint_channels(model), *_control_channels(model, plan, acts, trained)]
     if plan.root >= 0:
         found += _base_channels(model, plan)
     if columns:
@@ -124,7 +127,7 @@ def joint_channels(model: Any) -> dict[str, Joints]:
     return {name: joint_order.named(model, group) for name, group in groups.items() if group}
 
 
-def _joint_channels(model: Any, plan: Plan, acts: bool) -> list[Computed]:
+def _joint_channels(model: Any) -> list[Computed]:
     found = []
     for name, own in joint_channels(model).items():
         end = name.removeprefix("q")
@@ -150,10 +153,10 @@ def _joint_channels(model: Any, plan: Plan, acts: bool) -> list[Computed]:
                 _columns("torque", own.dof),
             ),
         ]
-    return found + _control_channels(model, plan, acts)
+    return found
 
 
-def _control_channels(model: Any, plan: Plan, acts: bool) -> list[Computed]:
+def _control_channels(model: Any, plan: Plan, acts: bool, trained: bool) -> list[Computed]:
     if acts:
         names = tuple(model.actuator(i).name or f"actuator {i}" for i in range(model.nu))
         return [Computed(Channel("ctrl", "", "controls of the actuators", model.nu, names), _whole("target"))]
@@ -163,15 +166,12 @@ def _control_channels(model: Any, plan: Plan, acts: bool) -> list[Computed]:
     moved = tuple(joints.names[i] for i in plan.law.moved)
     angles = plan.law.has_target.all() and not plan.law.speed.any()
     unit = "rad" if angles and _all_hinges(model, joints) else ""
-    return [
-        Computed(
-            Channel("target", unit, "targets of the joints", n, names), lambda record: record.target[:, order]
-        ),
-        Computed(
-            Channel("action", "", "the policy's output; in its own order", len(moved), moved),
-            _whole("action"),
-        ),
-    ]
+    targets = Channel("target", unit, "targets of the joints", n, names)
+    found = [Computed(targets, lambda record: record.target[:, order])]
+    if trained:
+        action = Channel("action", "", "the policy's output; in its own order", len(moved), moved)
+        found.append(Computed(action, _whole("action")))
+    return found
 
 
 def _all_hinges(model: Any, joints: Joints) -> bool:

@@ -220,6 +220,7 @@ class RobotFile(_Table):
     action: ActionTable = ActionTable()
     command: dict[str, float | str | CommandTable] = {}
     parameters: dict[str, ParameterTable] = {}
+    fields: dict[str, float] = {}
     start: StartTable = StartTable()
     failure: dict[str, str] = {}
 
@@ -240,6 +241,10 @@ class RobotFile(_Table):
             if names.count(name) > 1:
                 raise ValueError(f"two parameters have the name {name!r}; rename one")
         return self
+
+
+_OF_THE_CONTROLLER = ("policy", "observation", "command", "parameters", "failure")
+"""Definition: keys of a robot file that only a policy, or a test with it, needs."""
 
 
 @dataclass(frozen=True)
@@ -263,6 +268,11 @@ class Description:
         found = {key: name for key, name in stated.items() if name and not getattr(self.table, key)}
         paths = {key: self._stated(key, name, deployment.files[0]) for key, name in found.items()}
         return replace(self, table=self.table.model_copy(update=paths))
+
+    def held(self) -> Description:
+        """Return the description of the robot in the air, without its policy and what only its tests have."""
+        empty = {name: RobotFile.model_fields[name].default for name in _OF_THE_CONTROLLER}
+        return replace(self, table=self.table.model_copy(update=empty))
 
     def _stated(self, key: str, name: str, deploy: Path) -> str:
         """Return a path of a deploy file: relative to its folder, or after a variable to a folder above."""

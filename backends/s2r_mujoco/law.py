@@ -163,6 +163,16 @@ def torque_units(model: Any, joints: Joints) -> FloatArray:
     return units
 
 
+def servo_gains(model: Any, law: Law, joints: Joints) -> tuple[FloatArray, FloatArray]:
+    """Return (n,) kp and kd of the joints: those of the files, or of position actuators; 0 where there is none."""
+    if law.pd != "model":
+        return law.stiffness, law.damping
+    bias, gear = model.actuator_biasprm[joints.actuators], model.actuator_gear[joints.actuators, 0]
+    position = np.array([kind == "position" for kind in law.kind])
+    kp, kd = -bias[:, 1] * gear**2, -bias[:, 2] * gear**2 + 0.0
+    return np.where(position, kp, 0.0), np.where(position, kd, 0.0)
+
+
 def held_joints(
     model: Any, description: Description, deployment: Deployment, joints: Joints, home: FloatArray
 ) -> Held:

@@ -18,6 +18,7 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 
+from s2r_mujoco.fixed_base import hold_bases
 from s2r_mujoco.model_files import model_files
 from s2r_spec.errors import UsageError, one_of, suggest
 
@@ -60,12 +61,16 @@ class ModelFile:
         floor: whether to add a plane at z = 0.
         timestep: physics step [s]; None for the file's own.
         motors: whether to add a torque motor to each hinge and slide, in the order of the model.
+        held: whether the base is fixed, away from everything that is fixed itself.
+        fields: fields that the robot file sets, with their values.
     """
 
     path: Path
     floor: bool = False
     timestep: float | None = None
     motors: bool = False
+    held: bool = False
+    fields: tuple[tuple[FieldChange, float], ...] = ()
 
     @cached_property
     def files(self) -> tuple[Path, ...]:
@@ -117,6 +122,10 @@ class ModelFile:
             )
         if self.motors:
             self._add_motors(spec)
+        if self.held:
+            hold_bases(spec)
+        for change, value in self.fields:
+            self._change(spec, change, value)
         # A rollout ends at a warning; MuJoCo would begin it again at the start pose.
         spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         return spec

@@ -15,6 +15,7 @@ import numpy as np
 from s2r_mujoco.arrays import FloatArray
 from s2r_mujoco.channels import Attitude
 from s2r_mujoco.description import COMMANDS
+from s2r_mujoco.law import servo_gains
 from s2r_mujoco.robot import STABLE, Robot
 from s2r_mujoco.rollout import Record
 from s2r_mujoco.running import Running
@@ -126,18 +127,6 @@ def _observation(robot: Robot) -> Iterator[Finding]:
             )
 
 
-def gains(robot: Robot) -> tuple[FloatArray, FloatArray]:
-    """Return (n,) kp and kd of the joints of the policy: those of the files, or of position actuators."""
-    plan, model = robot.plan, robot.model
-    if plan.law.pd != "model":
-        return plan.law.stiffness, plan.law.damping
-    bias, gear = model.actuator_biasprm[plan.joints.actuators], model.actuator_gear[plan.joints.actuators, 0]
-    position = np.array([kind == "position" for kind in plan.law.kind])
-    return np.where(position, -bias[:, 1] * gear**2, 0.0), np.where(
-        position, -bias[:, 2] * gear**2 + 0.0, 0.0
-    )
-
-
 def torque_limits(robot: Robot) -> FloatArray:
     """Return (n,) the largest torque or force of each joint; inf without a limit."""
     model, joints = robot.model, robot.plan.joints
@@ -158,7 +147,7 @@ def torque_limits(robot: Robot) -> FloatArray:
 
 def _joints(robot: Robot) -> Finding:
     plan, model = robot.plan, robot.model
-    kp, kd = gains(robot)
+    kp, kd = servo_gains(model, plan.law, plan.joints)
     ratio, limits = robot.damping_ratio(kd), torque_limits(robot)
     width = max(len(name) for name in plan.joints.names)
     rows = [f"policy  {'joint':{width}}  actuator      kp      kd  default           limits  torque  kd·dt/M"]

@@ -42,19 +42,28 @@ KEPT = 4
 class Robot:
     """A robot from its files. Making it reads every file, compiles the model, and runs no code of the user."""
 
-    def __init__(self, path: Path, loop: str = "") -> None:
+    def __init__(self, path: Path, loop: str = "", held: bool = False) -> None:
+        """Read the files; ``held`` leaves out the policy and fixes the base, as if a rig held the robot in the air."""
         self.description = read_description(path, loop)
         self.name = path.name
         stated = self._stated(self.description.table.deploy)
         self.description = self.description.completed(stated)
+        self.held = held or not self.description.table.policy
+        if self.held:
+            self.description = self.description.held()
         table = self.description.table
-        self.policy = self._open_policy(table.policy)
+        self.policy = self._open_policy(table.policy) if table.policy else None
         self.deployment = stated if table.deploy else self._of_metadata()
         self.file = self._model_file()
         model = self.file.compile()
         self.model = model
         self.plan = self._with_stable_gains(make_plan(self.description, self.deployment, model))
         _ = start_pose(model, self.plan, table.start, self.name)  # refuses a joint that the model lacks
+        if not (self.acts or self.policy or self.plan.law.has_target.any()):
+            raise UsageError(
+                f'{self.name} names no controller; write policy = "policy.onnx" or "control.py:act", or, for protocols '
+                f"of joints alone, gains in `action.stiffness` and `action.damping`"
+            )
         if self.plan.root >= 0 and not floors(model):
             raise UsageError(
                 f"{self.name}: the model has a free base and no floor to stand on; write floor = true, or name a scene "
@@ -64,7 +73,9 @@ class Robot:
         self.refuse_width(self.parts or ())
         width = None if self.policy is None else self._width
         columns = tuple(f"{i}" for i in range(width)) if width else ()
-        self.computed = channels_of(model, self.plan, columns, acts=self.policy is None)
+        self.computed = channels_of(
+            model, self.plan, columns, trained=self.policy is not None, acts=self.acts
+        )
         self.channels = tuple(one.channel for one in self.computed)
         self.failures = Failures(table.failure, self.channels, self.name)
         self.failures.check()
@@ -74,10 +85,6 @@ class Robot:
 
     def _open_policy(self, name: str) -> Policy | None:
         """Return the trained policy; None for a controller in Python."""
-        if not name:
-            raise UsageError(
-                f'{self.name} names no controller; write policy = "policy.onnx", or "control.py:act"'
-            )
         if name.endswith(".py"):
             raise UsageError(
                 f'{self.name}: policy = "{name}" names no function in the file; write "{name}:act"'
@@ -97,13 +104,20 @@ class Robot:
         if not table.model:
             raise UsageError(f'{self.name} names no model; write model = "scene.xml"')
         timestep = table.timestep or self.deployment.timestep
-        return ModelFile(self.description.beside(table.model), table.floor, timestep, table.motors)
+        fields = tuple((FieldChange(name), value) for name, value in table.fields.items())
+        path = self.description.beside(table.model)
+        return ModelFile(path, table.floor, timestep, table.motors, self.held, fields)
+
+    @property
+    def acts(self) -> bool:
+        """Whether a Python function controls the robot."""
+        return ".py:" in self.description.table.policy
 
     @property
     def code_names(self) -> tuple[str, ...]:
         """Names of the user's own code in the file: the terms, then the controller."""
         names = [term.name for term in self.plan.terms if ".py:" in term.name]
-        return (*names, *([self.description.table.policy] if self.policy is None else []))
+        return (*names, *([self.description.table.policy] if self.acts else []))
 
     @cached_property
     def code_files(self) -> tuple[Path, ...]:
@@ -119,7 +133,14 @@ class Robot:
 
     def digest(self, extra: str) -> str:
         """Return the hash over all files, versions and this package's source."""
-        total = hashlib.sha256(extra.encode())
+        total = self._content.copy()
+        total.update(extra.encode())
+        return total.hexdigest()
+
+    @cached_property
+    def _content(self) -> Any:
+        """Hash of all files, read once: a process has thousands of backends of one robot, each with other effects."""
+        total = hashlib.sha256()
         total.update(f"mujoco {version('mujoco')} numpy {version('numpy')}".encode())
         total.update(b"" if self.policy is None else self.policy.digest.encode())
         for name in self.code_names:
@@ -128,7 +149,7 @@ class Robot:
         sources = [path for path in sorted(here.rglob("*.py")) if path.name not in _ONLOOKERS]
         for path in (self.description.path, *self.deployment.files, *self.file.files, *sources):
             total.update(path.read_bytes())
-        return total.hexdigest()
+        return total
 
     def _with_stable_gains(self, plan: Plan) -> Plan:
         """Return a plan with gains inside of MuJoCo where explicit ones are unstable and the file chooses neither."""
@@ -229,7 +250,7 @@ class Robot:
     def catalogue(self) -> tuple[ModelEffect, ...]:
         """The effects that the simulator leaves out, by the fields of the model."""
         pose = start_pose(self.model, self.plan, self.description.table.start, self.name)
-        return catalogue(self.model, self.plan, pose, acts=self.policy is None)
+        return catalogue(self.model, self.plan, pose, acts=self.acts, held=self.held)
 
     def physics(self, added: Choice, variant: str = "") -> Physics:
         """Return what effects change, in the simulator of a variant."""

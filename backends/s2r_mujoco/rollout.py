@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from s2r_mujoco import drive
 from s2r_mujoco.arrays import FloatArray, Observation
@@ -93,6 +94,7 @@ class Simulator:
         )
         self.memory = Memory(np.zeros(3), np.zeros(len(plan.law.moved)))
         mujoco.mj_forward(model, self.data)
+        self.rub = None if physics is None else physics.rubbing(model)
         parts = Parts(plan, model, self.data, self.memory).of(plan.terms, users)
         self.loop = None if physics is None else Loop(physics, model, plan, parts)
         self.observer = Observer(parts, plan, None if self.loop is None else self.loop.observed)
@@ -166,6 +168,36 @@ class Simulator:
             self._tick(record, tick, control, pushes, write, last=tick == ticks - 1)
         return self._checked(record)
 
+    def play(self, targets: FloatArray, on: NDArray[np.bool_]) -> Record:
+        """Play (n, joints) targets without a policy, and record each tick; the motors work where (n,) they are on."""
+        record = self._empty(len(targets), 0, 0, len(self.plan.joints))
+        if self.loop is not None:
+            self.loop.begin(targets[0], self._seed)
+        powered = int(self.model.opt.disableflags)
+        try:
+            for tick, target in enumerate(targets):
+                off = 0 if on[tick] else int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
+                self.model.opt.disableflags = powered | off
+                self._tick(record, tick, target, (), self._apply, last=tick == len(targets) - 1)
+        finally:
+            self.model.opt.disableflags = powered
+        return self._checked(record)
+
+    def arriving(self, targets: FloatArray, period: float) -> FloatArray:
+        """Return (n, joints) targets of a log as they act on average; a target acts from its tick to the next one."""
+        loop = self.loop or Loop(Physics.of(self.model), self.model, self.plan, ())
+        return loop.arriving(targets, period)
+
+    def actuated(self, qpos: FloatArray, qvel: FloatArray, target: FloatArray) -> FloatArray:
+        """Return (nv,) forces of the actuators in a state under a target."""
+        data = self.data
+        data.qpos[:], data.qvel[:] = qpos, qvel
+        self._apply(target)
+        mujoco.mj_fwdPosition(self.model, data)
+        mujoco.mj_fwdVelocity(self.model, data)
+        mujoco.mj_fwdActuation(self.model, data)
+        return np.array(data.qfrc_actuator)
+
     def _empty(self, ticks: int, width: int, actions: int, targets: int) -> Record:
         model = self.model
 
@@ -206,11 +238,13 @@ class Simulator:
         if loop is not None:
             loop.send(target)
             target = loop.arrived(0)
+        if self.rub is not None:
+            self.rub(data.qpos)
         write(target)
         mujoco.mj_step(model, data)
         record.torque[tick] = data.qfrc_actuator
         rest = 0 if last else plan.decimation - 1
-        if loop is None and not (self._every_step and record.observation.shape[1]):
+        if loop is None and not (self._every_step and write is self._apply):
             mujoco.mj_step(model, data, nstep=rest) if rest else None
             return
         for step in range(1, rest + 1):

@@ -14,8 +14,10 @@ from zlib import crc32
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
-from s2r_mujoco.description import ParameterTable
+from s2r_mujoco.arrays import FloatArray
+from s2r_mujoco.description import COMMANDS, ParameterTable
 from s2r_mujoco.model import FieldChange
 from s2r_mujoco.parameters import body_of
 from s2r_mujoco.robot import KEPT, Robot, terms
@@ -127,8 +129,26 @@ class Running:
                 if before and _fingerprint(simulator.model) != before:
                     self._made.cache_clear()  # the user's code changed the model: the next rollout compiles it anew
 
+    def play(
+        self,
+        start: tuple[FloatArray, FloatArray],
+        targets: FloatArray,
+        on: NDArray[np.bool_],
+        seed: int,
+        added: Choice = (),
+        variant: str = "",
+    ) -> Record:
+        """Play (n, joints) targets from a state, (nq,) and (nv,), with the motors off where ``on`` (n,) is false."""
+        mujoco.set_mju_user_warning(_silent)
+        with self._lock, self._explaining(), np.errstate(over="ignore", invalid="ignore"):
+            simulator = self.simulator({}, added, variant)
+            simulator.begin(*start, dict.fromkeys(COMMANDS, 0.0), self.robot.plan.key, seed)
+            return simulator.play(targets, on)
+
     def _run(self, simulator: Simulator, ticks: int, pushes: list[Push]) -> Record:
         policy, name = self.robot.policy, self.robot.description.table.policy
+        if self.robot.held:  # no controller: the joints stay at the default pose
+            return simulator.play(np.tile(self.robot.plan.pose, (ticks, 1)), np.ones(ticks, dtype=np.bool_))
         if policy is not None:
             policy.reset()
             return simulator.run(policy, ticks, pushes)
@@ -182,25 +202,27 @@ def _silent(words: str) -> None:
 
 LOOPS = 16
 """Budget: robots that a process keeps."""
-_KEPT: dict[tuple[Path, str], Running] = {}
+_KEPT: dict[tuple[Path, str, bool], Running] = {}
 
 
-def running(path: Path, loop: str = "") -> Running:
-    """Return the rollouts of a robot file, with the keys of another loop; the same object until a file changes.
+def running(path: Path, loop: str = "", held: bool = False) -> Running:
+    """Return the rollouts of a robot file, with the keys of another loop, or held in the air.
+
+    It is the same object until a file changes.
 
     Raises:
         UsageError: a file is missing, or is wrong; see :class:`Robot`.
     """
-    path = path.resolve()
-    kept = _KEPT.get((path, loop))
+    key = path.resolve(), loop, held
+    kept = _KEPT.get(key)
     if kept is not None and kept.is_current:
         return kept
     for old in [*_KEPT][: len(_KEPT) - LOOPS]:
         del _KEPT[old]
     # MuJoCo keeps meshes and sees a change only by the second.
     mujoco.mj_clearCache(mujoco.mj_getCache())
-    _KEPT[path, loop] = Running(Robot(path, loop))
-    return _KEPT[path, loop]
+    _KEPT[key] = Running(Robot(key[0], loop, held))
+    return _KEPT[key]
 
 
 def _stamps(robot: Robot) -> tuple[tuple[int, ...], ...]:

@@ -1,5 +1,6 @@
 """Backends: what one declares and can do, and how it is found by its name. Authors import from here."""
 
+from s2r_spec.backend.capabilities import LOG as LOG
 from s2r_spec.backend.capabilities import VOID as VOID
 from s2r_spec.backend.capabilities import Backend as Backend
 from s2r_spec.backend.capabilities import Drawn as Drawn

@@ -317,6 +317,10 @@ class Finding:
     certain: bool = False
 
 
+LOG = "log"
+"""Definition: topic of a finding about a log as such: its rate, its clock, how late it is."""
+
+
 @runtime_checkable
 class HasPreflight(Protocol):
     """A backend that was put together from a user's files, and can check whether they fit."""

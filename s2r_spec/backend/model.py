@@ -112,7 +112,11 @@ def read_test(name: str, parameters: Iterable[Parameter], params: Mapping[str, f
 
 @dataclass(frozen=True)
 class EffectParameter:
-    """A number of an effect; at its nominal value the effect does nothing."""
+    """A number of an effect; at its nominal value the effect does nothing.
+
+    ``beside`` names another parameter of the effect without which this one does nothing, such as a friction whose part
+    at one leg it is; "" for the first one that acts.
+    """
 
     name: str
     unit: str
@@ -120,6 +124,7 @@ class EffectParameter:
     high: float
     nominal: float
     prior: str
+    beside: str = ""
 
 
 @dataclass(frozen=True)

@@ -108,8 +108,8 @@ class HasPlayable(typing.Protocol):
         """Return the references at the machine's rate.
 
         Returns:
-            Channels ``q`` and ``dq`` (n, joints), and ``kp`` and ``kd`` (n,), with units. Every joint follows
-            τ = kp (q − q_measured) + kd (dq − dq_measured).
+            Channels ``q`` and ``dq`` (n, joints), and ``kp`` and ``kd``, (n,) or of each joint, with units. Every joint
+            follows τ = kp (q − q_measured) + kd (dq − dq_measured).
 
         Raises:
             UsageError: the backend has no such protocol, or a parameter is unknown or out of range.

@@ -36,6 +36,11 @@ class Diagnosed(Compared):
         help="Most real rollouts to run, or to use from logs.",
         show_default="30 from a machine, all from a log",
     )
+    open_loop: bool = search_option(
+        False,
+        "--open-loop",
+        help="Simulate each recorded test with the commands that were recorded, without the controller.",
+    )
 
 
 @options
@@ -144,6 +149,7 @@ def diagnose(
                 folder=folder / REAL,
                 protocols=names,
                 passive=campaign.passive,
+                open_loop=compared.open_loop,
             )
         folder.mkdir(parents=True, exist_ok=True)
         save(folder / ANSWER, document(diagnosis) + "\n")

@@ -33,6 +33,7 @@ from s2r_spec.diagnose.inference.recorded import Recorded
 from s2r_spec.diagnose.inference.search import search
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import simulated_rows
+from s2r_spec.diagnose.simulator.open_loop import OpenLoop
 from s2r_spec.diagnose.simulator.response import ResponseLibrary
 from s2r_spec.trace import Trace
 from s2r_spec.workers.pools import ExecutorFactory
@@ -101,7 +102,7 @@ def estimate(
     first = posterior(joint.likelihood, joint.theta, prior)
     if refine is not None and (finer := refine(*moments(first))) is not None:
         return estimate(backend, finer, traces, corrections, executor)
-    if corrections and not any(experiment.protocol for experiment in seen):
+    if corrections and not isinstance(backend, OpenLoop) and not any(one.protocol for one in seen):
         likely = list(zip(first.sets[:PROPOSED], first.mean[:PROPOSED], strict=True))
         found = predicted(backend, library, seen, prior, executor, likely)
         if found is not None:

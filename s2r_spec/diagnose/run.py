@@ -27,7 +27,13 @@ from s2r_spec.diagnose.data.campaign import BUDGET, campaign, plan, smallest_wit
 from s2r_spec.diagnose.data.cost import Cost, Expected, of_library, on_machine, planned_held_out
 from s2r_spec.diagnose.data.journal import CampaignJournal
 from s2r_spec.diagnose.data.protocols import allowed_experiments
-from s2r_spec.diagnose.data.rollouts import RealRollouts, Rollouts, as_experiment, recorded_rollouts
+from s2r_spec.diagnose.data.rollouts import (
+    RealRollouts,
+    Rollouts,
+    as_experiment,
+    recorded_inputs,
+    recorded_rollouts,
+)
 from s2r_spec.diagnose.data.space_filling import representative, star
 from s2r_spec.diagnose.data.split import TrainHeldOut, split
 from s2r_spec.diagnose.decision import Evidence
@@ -60,6 +66,7 @@ from s2r_spec.diagnose.simulator.bench import Bench, TestRun, refuse_machine, tr
 from s2r_spec.diagnose.simulator.cache import Cache
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import library, most_rollouts, refined_at
+from s2r_spec.diagnose.simulator.open_loop import OpenLoop
 from s2r_spec.diagnose.simulator.response import ResponseLibrary
 from s2r_spec.diagnose.simulator.score import Score
 from s2r_spec.diagnose.watched import Progress, Watched
@@ -115,6 +122,7 @@ def diagnose(
     where: bool = True,
     protocols: Sequence[str] | None = None,
     passive: bool = False,
+    open_loop: bool = False,
 ) -> Diagnosis:
     """Say where a sim-to-real gap lies, which unmodelled effect causes it, and how far it shrinks.
 
@@ -133,6 +141,7 @@ def diagnose(
         where: also say where the gap lies in tests, time, formula and body.
         protocols: names of the protocols that a machine may run; None for all, empty for none.
         passive: use tests of the specification alone.
+        open_loop: simulate every recorded test with the commands that were recorded, without the controller.
 
     Raises:
         UsageError: the simulator declares no effects, or the rollouts do not fit the spec.
@@ -141,10 +150,15 @@ def diagnose(
     called = real if isinstance(real, str) else str(getattr(real, "name", ""))
     kept = Cache.usual() if cache is None else Cache(as_folder(cache))
     folder = None if folder is None else as_folder(folder)
-    bench = Bench.of(spec, spec.requirements[0] if requirement is None else requirement, sim)
+    requirement = spec.requirements[0] if requirement is None else requirement
     refuse_machine(real := load_backend(real) if isinstance(real, str) else real)
     if isinstance(real, Backend):
-        real = adapt_to_spec(real, spec, bench.requirement)
+        real = adapt_to_spec(real, spec, requirement)
+    if open_loop:
+        sim = load_backend(sim) if isinstance(sim, str) else sim
+        real = real if isinstance(real, Backend) else list(real)
+        sim = OpenLoop.of(sim, spec, recorded_inputs(spec, requirement, sim, real))
+    bench = Bench.of(spec, requirement, sim)
     seed, tell = _seed_of(folder, seed), Watched(progress or (lambda stage, done, of: None))
     pooled = bench.backend.cost > HERE and travels(bench)
     with keep_open(executor if pooled else None) as pool, tell.watching():

@@ -162,6 +162,18 @@ def find_windows(
     return windows, found.notes(when)
 
 
+def equal_windows(trace: Trace, start: float, every: float) -> tuple[list[EpisodeWindow], list[str]]:
+    """Return windows of ``every`` seconds, one after the other from ``start`` after the log's begin, and what was cut.
+
+    The last sample of a window is the first of the next one, so that each covers its whole length.
+    """
+    windows: list[EpisodeWindow] = []
+    while found := _single_window(trace, start + len(windows) * every, every)[0]:
+        windows += found
+    count = len(windows)
+    return windows, [f"{count} part{'s' * (count != 1)} of {every:g} s, one after the other"]
+
+
 def _truth(condition: Spec, trace: Trace, begin: float) -> tuple[FloatArray, BoolArray]:
     """Return (n,) times and whether a condition is true; before the first value of a channel it is not."""
     if trace.messages:

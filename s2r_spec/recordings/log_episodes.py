@@ -21,13 +21,16 @@ from s2r_spec.logs.mapping import ANY
 from s2r_spec.logs.times.time_units import split_brackets
 from s2r_spec.logs.topics.formats import opener
 from s2r_spec.logs.topics.join import Joining
-from s2r_spec.recordings.episodes import EpisodeWindow, find_windows, take_episode
+from s2r_spec.recordings.episodes import EpisodeWindow, equal_windows, find_windows, take_episode
 from s2r_spec.recordings.log_units import assumptions, no_units, refuse_unit_in_name
 from s2r_spec.robustness.stream import SignalMessages
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 from s2r_spec.trace.messages import silences_of
 from s2r_spec.trace.samples import period_of
+
+PART_OF_LOG = "start"
+"""Definition: test parameter of a part of a log that is cut into equal ones: the time of its begin in the log [s]."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +103,7 @@ class EpisodeSettings:
         duration: length of an episode [s]; None for the horizon of the requirements.
         sources: test parameter → its source in the log.
         longest: signal → time for which a value is valid [s].
+        every: length of equal parts of the log, each an episode; its begin in the log is its parameter ``start`` [s].
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -110,11 +114,12 @@ class EpisodeSettings:
     duration: float | None = None
     sources: Mapping[str, ParamColumn] = field(default_factory=dict)
     longest: Mapping[str, float] = field(default_factory=dict)
+    every: float | None = None
 
     @property
     def cuts(self) -> bool:
         """Whether a trace is a part of the log."""
-        return not (self.when is None and self.start is None and self.duration is None)
+        return any(one is not None for one in (self.when, self.start, self.duration, self.every))
 
     @property
     def commands(self) -> frozenset[str]:
@@ -227,7 +232,10 @@ def read_log_episodes(
         name = f"{path}#{number}" if several else str(path)
         trace = loaded.trace if window is None else take_episode(loaded.trace, window)
         begins = None if window is None else window.begin - loaded.trace.begin
-        episodes.append(Episode(name, trace.only(kept), _values(name, trace, settings), begins))
+        values = _values(name, trace, settings)
+        if settings.every is not None and begins is not None:
+            values |= {PART_OF_LOG: (begins, "s")}
+        episodes.append(Episode(name, trace.only(kept), values, begins))
     notes = dict.fromkeys(note for loaded in loads for note in loaded.notes)
     measured = {name: signals[name] for name in kept if name in signals}
     units = episodes[0].trace.units
@@ -259,14 +267,19 @@ def _find_windows(
     horizon: float,
 ) -> tuple[list[tuple[Loaded, EpisodeWindow | None]], list[str]]:
     """Return the windows of the episodes in a file, at least one, and how the log was split."""
-    duration = horizon if settings.duration is None else settings.duration
+    duration = settings.every or (horizon if settings.duration is None else settings.duration)
     if math.isinf(duration):
         raise UsageError("the length of an episode is not known; state it, such as --duration 2")
     windows: list[tuple[Loaded, EpisodeWindow | None]] = []
     sentences: list[str] = []
     for loaded in loads:
         try:
-            found, notes = find_windows(loaded.trace, signals, settings.when, settings.start or 0.0, duration)
+            if settings.every:
+                found, notes = equal_windows(loaded.trace, settings.start or 0.0, settings.every)
+            else:
+                found, notes = find_windows(
+                    loaded.trace, signals, settings.when, settings.start or 0.0, duration
+                )
         except TraceError as error:
             raise TraceError(f"{path}: {error}") from None
         windows += [(loaded, window) for window in found]

@@ -29,6 +29,7 @@ _FORMS = {
     "when": "CONDITION",
     "start": "SECONDS",
     "duration": "SECONDS",
+    "every": "SECONDS",
     "join": "RULE",
     "clock": "TOPIC",
     "stamps": "STAMPS",
@@ -86,6 +87,7 @@ class LogOptions:
             _seconds(where, values, "duration"),
             sources,
             read_longest(values["longest"]),
+            _seconds(where, values, "every"),
         )
         if backend == "manual" and (settings.cuts or sources):
             raise UsageError(

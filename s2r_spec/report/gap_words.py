@@ -151,14 +151,18 @@ def left_words(left: Sequence[Remainder]) -> tuple[str, ...]:
     """Return one sentence for each remainder of the motion that no effect explains."""
     if not left:
         return ()
-    unexplained = [f"{each}, which no effect explains" for each in left if each.material]
+    unexplained = [f"{each}, which no effect explains{_at(each)}" for each in left if each.material]
     return tuple(unexplained[:PARTS]) or (largest_rest_words(left[0]),)
 
 
 def largest_rest_words(largest: Remainder) -> str:
     """Return the place of the largest remainder, with its part of what small effects may leave."""
     part = _part_of(largest.surplus, 1.0)
-    return f"largest rest of the motion is {largest}, {part} of what small effects may leave"
+    return f"largest rest of the motion is {largest}, {part} of what small effects may leave{_at(largest)}"
+
+
+def _at(one: Remainder) -> str:
+    return "" if one.frequency is None else f"; most of it is at {one.frequency:.2g} Hz"
 
 
 def shrink_rows(far: HeldOutGap) -> tuple[tuple[str, str], ...]:

@@ -25,7 +25,7 @@ from s2r_spec.backend import (
 )
 from s2r_spec.backend.function import FunctionBackend
 from s2r_spec.backend.protocols import HasPlayable, HasProtocols
-from s2r_spec.base.errors import UsageError
+from s2r_spec.base.errors import TraceError, UsageError
 from s2r_spec.runs.passed import PassedBackend
 from s2r_spec.runs.repeatability import check_here
 from s2r_spec.runs.scorer import open_for_requirement
@@ -287,6 +287,11 @@ def _identity(subject: Subject, out: Check) -> None:
 
 
 def _residuals(subject: Subject, out: Check) -> None:
+    try:
+        subject.backend.residuals(rollout(subject.backend, subject.test), subject.test)
+    except TraceError as error:
+        out.remarks.append(f"the default test has no residuals: {error}")
+        return
     insensitive, weak = [], []
     for name, values in subject.half_effects.items():
         changed = subject.with_effects(values)

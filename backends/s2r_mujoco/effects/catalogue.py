@@ -10,7 +10,7 @@ Units: SI; in a robot with many kinds of joints, parts of a scale.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import radians
 from typing import Any
 
@@ -20,11 +20,18 @@ from s2r_mujoco.arrays import FloatArray, IntArray
 from s2r_mujoco.effects.kinds import Kind, kinds_of, scales_of
 from s2r_mujoco.effects.physics import root_body
 from s2r_mujoco.plan import Plan
+from s2r_spec.backend import EffectParameter
 from s2r_spec.effects import Change, ModelEffect, adds, scales
 
 FRICTION, DAMPING, ARMATURE = 0.05, 0.05, 0.3
 """Prior: typical dry friction, and viscous friction at a turn or a metre a second, in parts of a joint's torque; and
 typical rotor inertia, in parts of a joint's inertia."""
+SPREAD, FARTHEST = 0.3, 0.8
+"""Prior: spread of the friction of equal joints, and its growth from the middle of the range to an end, as parts of the
+common one; definition: end of the range of the spread. Judgements, as those of ``policies.md``."""
+ROTOR = 2000.0
+"""Prior: acceleration that its largest torque gives to a rotor, seen behind the gear, for a model without rotors
+[rad/s²]; joints of published models of A1, G1, UR5e and Panda have 900 to 9000."""
 LARGEST = 5.0
 """Definition: end of a range, in typical sizes."""
 
@@ -40,19 +47,33 @@ class _Joints:
     typical: FloatArray
 
 
-def catalogue(model: Any, plan: Plan, pose: FloatArray, acts: bool) -> tuple[ModelEffect, ...]:
-    """Return the catalogue of a compiled model at its start pose; ``acts``: whether a Python function controls it."""
+def catalogue(model: Any, plan: Plan, pose: FloatArray, acts: bool, held: bool) -> tuple[ModelEffect, ...]:
+    """Return the catalogue of a compiled model.
+
+    Args:
+        model: the compiled model.
+        plan: the plan of its rollouts.
+        pose: (nq,) start pose.
+        acts: whether a Python function controls it.
+        held: whether it has no controller, and its base is fixed: then each joint shows its own friction.
+    """
     kinds = kinds_of(model)
     driven = [kind for kind in kinds if kind.actuators.size]
-    found = [*_of_joints(model, plan, pose, kinds), *_of_motors(model, plan, driven)]
-    found += [*_of_body(model, plan), *_of_messages(plan.step, acts)]
+    found = [*_of_joints(model, plan, pose, kinds, held), *_of_motors(model, plan, driven)]
+    found += [] if held else _of_body(model, plan)
+    found += _of_messages(plan.step, sees=not (acts or held))
     if not acts:
         found += _of_sensing(kinds, plan)
     return tuple(found)
 
 
-def _of_joints(model: Any, plan: Plan, pose: FloatArray, kinds: Sequence[Kind]) -> Iterator[ModelEffect]:
+def _of_joints(
+    model: Any, plan: Plan, pose: FloatArray, kinds: Sequence[Kind], held: bool
+) -> Iterator[ModelEffect]:
     inertia, torque = scales_of(model, plan, pose)
+    rotors = np.where(
+        model.dof_armature > 0.0, ARMATURE * inertia, np.maximum(ARMATURE * inertia, torque / ROTOR)
+    )
     turn = np.ones(model.nv)
     for kind in kinds:
         turn[kind.dof] = 1.0 if kind.slides else 2.0 * np.pi
@@ -62,7 +83,7 @@ def _of_joints(model: Any, plan: Plan, pose: FloatArray, kinds: Sequence[Kind]) 
         _Joints("viscous_friction", "Joints rub in proportion to their speed.", "damping", "N*m*s/rad",
                 DAMPING * torque / turn),
         _Joints("armature", "Rotors behind the gears add to the inertia of the joints.", "armature", "kg*m^2",
-                ARMATURE * inertia),
+                rotors),
     )  # fmt: skip
     linear = {"N*m": "N", "N*m*s/rad": "N*s/m", "kg*m^2": "kg"}
     for row in rows:
@@ -73,7 +94,29 @@ def _of_joints(model: Any, plan: Plan, pose: FloatArray, kinds: Sequence[Kind]) 
                 (kind.name, unit, 0.0, LARGEST * size, 0.0, f"half-normal, {size / 2.0:.3g} {unit}".strip(),
                  change(row.field))
             )  # fmt: skip
-        yield ModelEffect.of(row.name, "joints", row.physics, *parameters)
+        effect = ModelEffect.of(row.name, "joints", row.physics, *parameters)
+        yield _as_found(effect, model, kinds) if held and row.field == "friction" else effect
+
+
+def _as_found(effect: ModelEffect, model: Any, kinds: Sequence[Kind]) -> ModelEffect:
+    """Return a friction with its form as logs of single joints show it: by position, and of each joint.
+
+    A linkage or a cable presses by another force at each angle. No two joints have the same friction.
+    """
+    parameters, changes = list(effect.parameters), list(effect.changes)
+
+    def add(name: str, far: float, beside: str, change: Change) -> None:
+        prior = f"normal around 0, standard deviation {SPREAD:g}"
+        parameters.append(EffectParameter(name, "", -far, far, 0.0, prior, beside))
+        changes.append(change)
+
+    for kind in kinds:
+        if model.jnt_limited[kind.joints].all():
+            add(f"{kind.name}_by_position", 1.0, kind.name, adds("position", kind.dof))
+        for side, dof in zip(kind.sides, kind.dof.tolist(), strict=False):
+            grown = Change("friction", lambda before, value: before * (1.0 + value), dof)
+            add(f"{kind.name}_{side}", FARTHEST, kind.name, grown)
+    return replace(effect, parameters=tuple(parameters), changes=tuple(changes))
 
 
 def _size(kind: Kind, typical: FloatArray, unit: str) -> tuple[float, str, Any]:
@@ -165,10 +208,10 @@ def _angle(field: str, at: int) -> Change:
     return Change(field, lambda before, value: before + radians(value), at)
 
 
-def _of_messages(step: float, acts: bool) -> Iterator[ModelEffect]:
+def _of_messages(step: float, sees: bool) -> Iterator[ModelEffect]:
     late = float(f"{step:.2g}")
     rows = [("sending", "action_delay", "Targets reach the motors this much later")]
-    if not acts:
+    if sees:
         rows.insert(
             0, ("sensing", "observation_delay", "The policy sees the robot as it was this much earlier")
         )

@@ -37,6 +37,7 @@ class Kind:
         joints, dof: numbers of the joints, and of their degrees of freedom.
         actuators: of these joints; those without one are left out.
         slides: whether they slide.
+        sides: where each joint is, such as ``fl``; empty where two joints are at one place, or there is one joint.
     """
 
     name: str
@@ -44,15 +45,22 @@ class Kind:
     dof: IntArray
     actuators: IntArray
     slides: bool
+    sides: tuple[str, ...] = ()
+
+
+def side_name(name: str) -> str:
+    """Return the parts of a joint's name that say where it is; ``FL_hip_joint`` → ``fl``."""
+    return "_".join(word for word in _words(name) if word in SIDES and word != "joint")
 
 
 def kind_name(name: str) -> str:
     """Return the name of a joint without the parts that say where it is; ``FL_hip_joint`` → ``hip``."""
-    words = (
-        re.sub(r"([a-z0-9])([A-Z])", r"\1_\2", name).replace("-", "_").replace(".", "_").lower().split("_")
-    )
-    kept = [word for word in words if word not in SIDES] or ["joint"]
+    kept = [word for word in _words(name) if word not in SIDES] or ["joint"]
     return re.sub(r"\W", "_", "_".join(filter(None, kept)))
+
+
+def _words(name: str) -> list[str]:
+    return re.sub(r"([a-z0-9])([A-Z])", r"\1_\2", name).replace("-", "_").replace(".", "_").lower().split("_")
 
 
 def kinds_of(model: Any) -> list[Kind]:
@@ -75,7 +83,11 @@ def kinds_of(model: Any) -> list[Kind]:
 def _kind(model: Any, name: str, joints: Sequence[int], slides: bool) -> Kind:
     of_joint, index = actuator_of(model), np.array(joints, dtype=np.intp)
     actuators = np.array([of_joint[j] for j in joints if j in of_joint], dtype=np.intp)
-    return Kind(name, index, model.jnt_dofadr[index].astype(np.intp), actuators, slides)
+    sides = tuple(side_name(name_of(model, j)) for j in joints)
+    apart = len(set(sides)) == len(sides) > 1 and all(sides)
+    return Kind(
+        name, index, model.jnt_dofadr[index].astype(np.intp), actuators, slides, sides if apart else ()
+    )
 
 
 def scales_of(model: Any, plan: Plan, pose: FloatArray) -> tuple[FloatArray, FloatArray]:

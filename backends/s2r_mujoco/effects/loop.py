@@ -73,6 +73,11 @@ class Loop:
         one, other = (np.take_along_axis(values, np.maximum(row - k, 0), axis=0) for k in (0, 1))
         return np.asarray((1.0 - share) * one + share * other)
 
+    @property
+    def offset(self) -> FloatArray:
+        """(nv,) by how much the encoder of each joint reads too much [rad or m]."""
+        return self._physics.offset
+
     def state(self, qpos: FloatArray, qvel: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return (n, nq) positions and (n, nv) velocities as a robot logs them."""
         model, qpos, qvel = self._model, qpos.copy(), qvel.copy()
@@ -122,6 +127,18 @@ class Loop:
         target = (1.0 - share) * self._at(place) + share * self._at(place - 1) if share else self._at(place)
         self._last = target + self._keep * (self._last - target)
         return self._last
+
+    def arriving(self, targets: FloatArray, period: float) -> FloatArray:
+        """Return (n, joints) targets of a log as they act on average, one row every ``period`` [s]: without jitter."""
+        from scipy.signal import lfilter
+
+        rows = np.arange(len(targets), dtype=np.float64)
+        late = rows - (self._physics.sending + 0.5 * self._step) / period
+        sent = np.stack([np.interp(late, rows, one) for one in (targets - self._shift).T], axis=1)
+        if not self._physics.lag:
+            return sent
+        keep = exp(-period / self._physics.lag)
+        return np.asarray(lfilter([1.0 - keep], [1.0, -keep], sent - sent[0], axis=0) + sent[0])
 
     def _at(self, step: int) -> FloatArray:
         return self._sent[step // self._decimation] if step >= 0 else self._first

@@ -5,6 +5,7 @@ Units: SI, angles in rad. Shapes: nv degrees of freedom, nu actuators.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -23,6 +24,7 @@ class Physics:
     Attributes:
         friction, damping, armature: (nv,) added to each degree of freedom [N·m, N·m·s/rad, kg·m²; N, N·s/m, kg].
         strength, limit, stiffness, derivative: (nu,) factors of an actuator's force, limit, and gains kp and kd.
+        position: (nv,) part by which the added friction grows from the middle of a joint's range to its upper end.
         offset: (nv,) added to the measured position of a joint [rad or m].
         mass, centre: added to the root body [kg], and (3,) shift of its centre of mass [m].
         ground: factor of all coefficients of friction.
@@ -43,6 +45,7 @@ class Physics:
     limit: FloatArray
     stiffness: FloatArray
     derivative: FloatArray
+    position: FloatArray
     offset: FloatArray
     mass: float = 0.0
     centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -62,16 +65,16 @@ class Physics:
     def of(cls, model: Any) -> Self:
         """Return the numbers that change nothing."""
         none, same = np.zeros(model.nv), np.ones(model.nu)
-        return cls(none, none, none, same, same, same, same, none)
+        return cls(none, none, none, same, same, same, same, none, none)
 
     def plan(self, plan: Plan) -> Plan:
         """Return the plan with these gains, and with more physics steps in a control period."""
-        actuators = plan.joints.actuators
+        actuators, limit = plan.joints.actuators, plan.law.torque_limit
         law = replace(
             plan.law,
             stiffness=plan.law.stiffness * self.stiffness[actuators],
             damping=plan.law.damping * self.derivative[actuators],
-            torque_limit=plan.law.torque_limit * self.limit[actuators],
+            torque_limit=limit * np.where(np.isfinite(limit), self.limit[actuators], 1.0),
         )
         return replace(plan, law=law, decimation=plan.decimation * self.substeps)
 
@@ -90,6 +93,22 @@ class Physics:
             times[times > 0.0] *= self.softness
         model.opt.gravity[:] = leaning(model.opt.gravity, *self.slope)
         mujoco.mj_setConst(model, mujoco.MjData(model))
+
+    def rubbing(self, model: Any) -> Callable[[FloatArray], None] | None:
+        """Return what sets the friction of a changed model at (nq,) positions; None where it is the same at all."""
+        grows = np.flatnonzero(self.friction * self.position)
+        if not grows.size:
+            return None
+        joints = model.dof_jntid[grows]
+        middle, half = model.jnt_range[joints].mean(axis=1), np.ptp(model.jnt_range[joints], axis=1) / 2.0
+        rate, places = self.friction[grows] * self.position[grows] / half, model.jnt_qposadr[joints]
+        same, friction = model.dof_frictionloss[grows].copy(), model.dof_frictionloss
+
+        def rub(qpos: FloatArray) -> None:
+            away = np.clip(qpos[places] - middle, -half, half)
+            friction[grows] = np.maximum(same + rate * away, 0.0)
+
+        return rub
 
     def _change_actuators(self, model: Any, plan: Plan) -> None:
         if plan.law.pd == "model":  # the gains of the model's own servos

@@ -24,6 +24,7 @@ from s2r_spec.lang.conversion import Conversion
 from s2r_spec.lang.units import UnknownUnitError, parse_unit, unit_in_log
 from s2r_spec.recordings.recorded import refuse_hidden, refuse_unstated_times, tests_of
 from s2r_spec.runs.compatibility import check_compatibility
+from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 from s2r_spec.trace.samples import Rule, period_of
 
@@ -142,6 +143,28 @@ def recorded_rollouts(
             f"{others} recorded rollouts were not used: they have another value of {fixed} than the spec"
         )
     return replace(rollouts, notes=tuple(notes))
+
+
+def recorded_inputs(
+    spec: Spec, requirement: str, simulator: Backend, real: Rollouts | Backend
+) -> tuple[tuple[dict[str, float], Trace], ...]:
+    """Return (test in the spec's units, recording in the simulator's channels and units) of every recorded test.
+
+    Raises:
+        UsageError: the real rollouts are not recorded, or a channel's unit does not convert.
+    """
+    if isinstance(real, HasRecordings) and isinstance(real, Backend):
+        matched = check_compatibility(spec, requirement, real)
+        pairs = [(matched.to_spec(run.params), run.trace) for run in real.recordings if not run.protocol]
+    elif isinstance(real, Backend):
+        raise UsageError(f"{real.name} has no recordings, so there are no commands to play")
+    else:
+        pairs = [(dict(run.params), run.trace) for run in _of_pairs(real) if not run.protocol]
+    return tuple(
+        (dict(test), convert_units(trace.at_busiest().known(), simulator))
+        for test, trace in pairs
+        if test is not None
+    )
 
 
 def _of_backend(bench: Bench, real: Backend) -> list[Recording]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from s2r_spec.backend import HasLoop, LoopMistake
+from s2r_spec.backend import LOG, HasLoop, LoopMistake
 from s2r_spec.base.json_values import Shown
 from s2r_spec.diagnose.inference.prior import LIKELY, POSSIBLE, SURE
 from s2r_spec.diagnose.quality.finding import Finding
@@ -90,7 +90,9 @@ def by_loop(bench: Bench, rollouts: Sequence[TestRun]) -> list[Finding]:
     for _, trace in rollouts:
         for one in bench.backend.loop(trace):
             if one.certain:
-                text = f"the robot's loop is not that of {bench.backend.name}: {one.words} ({'; '.join(one.table)}). "
+                rows = f" ({'; '.join(one.table)})" if one.table else ""
+                whose = "" if one.topic == LOG else f"the robot's loop is not that of {bench.backend.name}: "
+                text = f"{whose}{one.words}{rows}. "
                 remedy = "Correct the code on the robot or the file, then record again"
                 found.setdefault(one.words, Finding("loop", one.topic, text + remedy, certain=True))
     return list(found.values())

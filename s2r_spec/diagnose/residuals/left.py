@@ -34,6 +34,7 @@ from s2r_spec.base.json_values import Ends, Shown
 from s2r_spec.base.quantity import signed_quantity
 from s2r_spec.diagnose.gap import FEWEST, LEVEL, SHOTS
 from s2r_spec.diagnose.residuals.cells import CELLS, Cell, CellColumn, Cells, part_names, path, widths_of
+from s2r_spec.diagnose.residuals.spectrum import peak_frequency
 from s2r_spec.diagnose.simulator.axes import EffectAxis, Values
 from s2r_spec.diagnose.simulator.bench import (
     Bench,
@@ -81,6 +82,7 @@ class Remainder(Shown):
         recorded: whether the quantity is a recorded channel.
         times: first and last time [s] at which the channel has these values; None for all the time, or without channel.
         extent: lowest and highest value of the channel; None if it is not known, or without channel.
+        frequency: with most of the power of what is left in the column [Hz]; of the first residual alone, else None.
     """
 
     quantity: str
@@ -96,8 +98,9 @@ class Remainder(Shown):
     recorded: bool = False
     times: Ends | None = None
     extent: Ends | None = None
+    frequency: float | None = None
 
-    JSON = "quantity column part along low=begin high=end size unit along_unit surplus recorded times extent"
+    JSON = "quantity column part along low=begin high=end size unit along_unit surplus recorded times extent frequency"
 
     @property
     def begin(self) -> float | None:
@@ -188,7 +191,12 @@ def remainders(
             each.append(_largest_remainders(*sizes, known, columns))
     largest = min(each, key=lambda collected: max((surplus for surplus, *_ in collected), default=0.0))
     traces = [trace for _, trace in whole]
-    return sort_remainders([_remainder(bench, nominal[0], traces, widths, cell) for cell in largest])
+    found = sort_remainders([_remainder(bench, nominal[0], traces, widths, cell) for cell in largest])
+    shown = {key_of(test): trace for test, trace in whole}
+    pairs = [(tests[n], shown[key_of(tests[n])], first[n][1]) for n in few]
+    return tuple(
+        _with_frequency(bench, improved, pairs, one) if not n else one for n, one in enumerate(found)
+    )
 
 
 def _remainder(
@@ -211,6 +219,25 @@ def _remainder(
         name.removeprefix(RESIDUAL), column.number, part, along, low, high, size, unit, along_unit,
         surplus, not column.residual, times, extent,
     )  # fmt: skip
+
+
+def _with_frequency(
+    bench: Bench, improved: Values, pairs: Sequence[tuple[Test, Trace, int]], one: Remainder
+) -> Remainder:
+    """Return a remainder of a residual with the frequency of what is left, from (test, trace, seed of a run) each."""
+    if one.recorded:
+        return one
+    series, name = [], RESIDUAL + one.quantity
+    period = float(np.median([np.median(np.diff(trace.times)) for _, trace, _ in pairs]))
+    for test, trace, seed in pairs:
+        both = [bench.seen(each, test) for each in (trace, bench.run(improved, test, seed))]
+        if not all(name in each.channels for each in both):
+            continue
+        times = np.arange(0.0, min(each.duration for each in both), period)
+        values = [each[name].reshape(len(each), -1)[:, one.column] for each in both]
+        real, own = (np.interp(times, t.times - t.times[0], x) for t, x in zip(both, values, strict=True))
+        series.append(real - own)
+    return replace(one, frequency=peak_frequency(series, period))
 
 
 def _quantities(traces: Sequence[Trace]) -> dict[str, int]:

@@ -81,6 +81,10 @@ class EffectAxis:
         """Whether it is an angle that may be any and only says how the effect acts, as the phase of a ripple does."""
         return self.is_turn and bool(self.base)
 
+    def stands_beside(self, other: EffectAxis) -> bool:
+        """Whether it only says how another parameter acts."""
+        return other.effect == self.effect and other.parameter in self.base
+
     def at_typical(self) -> float:
         """Return the value that is typically high, on the upper side if there is one."""
         return self.value(1.0 if self.high > self.nominal else -1.0)
@@ -138,6 +142,9 @@ def effect_axes(
         out += [effect_axis(effect, parameter) for parameter in acting]
         if acting:
             # These only say how the first acts, and come after it, whatever the catalogue's order is.
-            held = {acting[0].name: effect_axis(effect, acting[0]).at_typical()}
-            out += [effect_axis(effect, p, held) for p in effect.parameters if p.name not in able]
+            by_name = {p.name: p for p in acting}
+            for p in effect.parameters:
+                if p.name not in able:
+                    first = by_name.get(p.beside, acting[0])
+                    out.append(effect_axis(effect, p, {first.name: effect_axis(effect, first).at_typical()}))
     return tuple(out)

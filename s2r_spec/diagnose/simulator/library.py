@@ -293,7 +293,7 @@ class _Design:
             before = nominal
             if axis.base:
                 # A dependent parameter's response is that beside the first parameter of its effect.
-                first = next(p for p in self.parameters if p.effect == axis.effect and not p.base)
+                first = next(p for p in self.parameters if axis.stands_beside(p))
                 at = first.coordinate(first.at_typical())
                 near = min(points_of(first), key=lambda c: abs(c - at))
                 before = rows[_point_job(experiment, first, near)]

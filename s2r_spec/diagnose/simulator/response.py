@@ -45,7 +45,7 @@ class Dependence:
         base, at = np.full(len(parameters), -1), np.ones(len(parameters))
         for k, axis in enumerate(parameters):
             if axis.base:
-                base[k] = next(j for j, p in enumerate(parameters) if p.effect == axis.effect and not p.base)
+                base[k] = next(j for j, p in enumerate(parameters) if axis.stands_beside(p))
                 at[k] = parameters[base[k]].coordinate(parameters[base[k]].at_typical())
         return cls(base, at)
 
