@@ -222,6 +222,7 @@ class RobotFile(_Table):
     parameters: dict[str, ParameterTable] = {}
     start: StartTable = StartTable()
     failure: dict[str, str] = {}
+    effects: dict[str, dict[str, float]] = {}
 
     @model_validator(mode="after")
     def _names(self) -> Self:
