@@ -77,10 +77,11 @@ from math import cos, pi, sin
 
 
 def act(model, data, command):
-    # Balance the pole, and follow a target that comes and goes with a period of 2 s.
-    (x, angle), (v, rate), peak = data.qpos, data.qvel, command[0]
-    x_target, v_target = peak / pi * (1.0 - cos(pi * data.time)), peak * sin(pi * data.time)
-    return [75.0 * (x - x_target) + 77.0 * (v - v_target) + 314.0 * angle + 64.0 * rate]
+    # Balance the pole, and follow a target that goes to and fro three times a second.
+    (x, angle), (v, rate), turn = data.qpos, data.qvel, 6.0 * pi
+    x_target = command[0] / turn * (1.0 - cos(turn * data.time))
+    v_target = command[0] * sin(turn * data.time)
+    return [61.0 * (x - x_target) + 52.0 * (v - v_target) + 212.0 * angle + 41.0 * rate]
 """
 ROBOT = """\
 # The cart-pole of the laboratory.
@@ -120,8 +121,9 @@ def drive(vd: float, rng: np.random.Generator) -> Rows:
     for tick in range(round(SECONDS / TICK) + 1):
         now = tick * TICK
         seen = [value + NOISE[name] * rng.normal() for name, value in zip(NOISE, (x, v, angle, rate), strict=True)]
-        x_target, v_target = vd / pi * (1.0 - cos(pi * now)), vd * sin(pi * now)
-        wanted = 75.0 * (seen[0] - x_target) + 77.0 * (seen[1] - v_target) + 314.0 * seen[2] + 64.0 * seen[3]
+        turn = 6.0 * pi
+        x_target, v_target = vd / turn * (1.0 - cos(turn * now)), vd * sin(turn * now)
+        wanted = 61.0 * (seen[0] - x_target) + 52.0 * (seen[1] - v_target) + 212.0 * seen[2] + 41.0 * seen[3]
         rows.append((seen[0], seen[2], seen[1], seen[3], wanted))
         queue.append((now + DELAY * max(0.0, 1.0 + JITTER * rng.normal()), wanted))
         for step in range(round(TICK / STEP)):
