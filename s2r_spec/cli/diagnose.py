@@ -156,12 +156,12 @@ def diagnose(
             )
         folder.mkdir(parents=True, exist_ok=True)
         save(folder / ANSWER, document(diagnosis) + "\n")
-        patch = _patch(diagnosis, sim, campaign)
+        written = [_patch(diagnosis, sim, campaign), *_files(diagnosis, sim, campaign)]
         render, markup = forms[form], diagnosis_report.markup
         write(form, writing.output, lambda: render(diagnosis, parsed), lambda: markup(diagnosis, parsed))
         writing.write_page(lambda: diagnosis_page.render(diagnosis, parsed, real))
         following = _next(diagnosis, sim, machine, campaign.following)
-        for sentence in (*(() if form == "json" else (patch, *_files(diagnosis, sim, campaign))), following):
+        for sentence in (*(written if form != "json" else ()), following):
             if sentence:
                 errors.print(one_line(sentence), markup=False, soft_wrap=True)
         raise typer.Exit(diagnosis.exit_code)

@@ -1,7 +1,9 @@
 """Found effects in the user's own files: the machine with its fault, and the deploy file without it."""
 
+import json
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -259,3 +261,14 @@ def test_public_robots_are_written_with_every_effect(tmp_path, text):
     assert alike(there, robot.with_effects(values), atol=1e-6, vd=0.5)
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "found" / "as_found.xml"))
     assert model.nu > 0
+
+
+def test_the_page_has_the_figures_of_the_cart_pole():
+    root = Path(__file__).parents[2]
+    kept = json.loads((root / "benchmarks" / "results" / "cart_pole.json").read_text())
+    page = (root / "docs" / "how-to" / "policies.md").read_text()
+    assert kept["named"] == ["dry_friction", "action_delay"]
+    friction, delay = kept["sizes"]["dry_friction"]["slider"], 1e3 * kept["sizes"]["action_delay"]["time"]
+    assert f"{friction:.1f} N and {delay:.1f} ms" in page
+    assert f"close {100 * kept['named alone']['closed']:.0f} % of the gap" in page
+    assert f"{100 * kept['tuned']['closed']:.0f} % with" in page
