@@ -47,8 +47,6 @@ def changed_markup(file: ModelFile, before: Any, after: Any, folder: Path) -> Ma
             _write_actuator(markup, element, before, after, number)
         elif attributes := _PLAIN[kind](before, after, number):
             markup.change(element, attributes)
-    if (before.opt.gravity != after.opt.gravity).any():
-        _on_top(markup, "option", {"gravity": _text(after.opt.gravity)})
     return markup
 
 
@@ -187,17 +185,11 @@ def _keep_assets(markup: Markup, root: Path, folder: Path) -> None:
         stated |= set(_FOLDERS) if "assetdir" in names else names
         markup.change(one, {name: path_from(folder, root / one.attributes[name]) for name in sorted(names)})
     missing = {name: path_from(folder, root) for name in _FOLDERS if name not in stated}
-    if missing:
-        _on_top(markup, "compiler", missing)
-
-
-def _on_top(markup: Markup, name: str, attributes: Mapping[str, str]) -> None:
-    """Give attributes to an element of this name below the outermost; to the last one, which wins over others."""
-    if found := markup.real(name):
-        markup.change(found[-1], dict(attributes))
-    else:
-        words = " ".join(f'{key}="{value}"' for key, value in attributes.items())
-        markup.insert(markup.root, f"<{name} {words}/>")
+    if missing and (found := markup.real("compiler")):
+        markup.change(found[-1], dict(missing))
+    elif missing:
+        words = " ".join(f'{key}="{value}"' for key, value in missing.items())
+        markup.insert(markup.root, f"<compiler {words}/>")
 
 
 def _text(numbers: Any) -> str:

@@ -172,9 +172,10 @@ def _same_loop(one: Physics, other: Physics) -> bool:
 
 
 _LOOP = (
-    "offset", "tilt", "gyro", "sensing", "sensing_jitter", "sending", "sending_jitter", "lag",
+    "offset", "tilt", "gyro", "sensing", "sensing_jitter", "sending", "sending_jitter", "lag", "slope",
 )  # fmt: skip
-"""Definition: fields of :class:`.Physics` that act between the model and the controller."""
+"""Definition: fields of :class:`.Physics` that act between the model and the controller. An IMU finds the vertical by
+gravity, so a slope is in its attitude, too."""
 
 
 def _cure(robot: Robot, choice: Choice, work: Path) -> Finding:
