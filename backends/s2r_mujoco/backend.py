@@ -291,7 +291,7 @@ class RobotBackend:
         Raises:
             UsageError: the folder is there already, or cannot be written.
         """
-        require("robot files with what was found need", "tomlkit", "mujoco")
+        require("robot files with what was found need", "tomlkit")
         from s2r_mujoco.found.write import write
 
         return write(self._robot, self.with_effects(values)._choice, folder)
