@@ -37,7 +37,7 @@ LAYERS = [
 ROBOTS = SIMULATOR.parent / "s2r_mujoco"
 ROBOT_LAYERS = [
     {"backend"},
-    {"held", "interface", "new", "pictures", "preflight"},
+    {"found", "held", "interface", "new", "pictures", "preflight"},
     {"running"},
     {"robot"},
     {"parameters"},

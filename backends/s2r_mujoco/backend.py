@@ -30,7 +30,7 @@ from s2r_spec.backend import (
     refuse_unknown,
 )
 from s2r_spec.effects import Choice, Values, as_values, choose, read_options, words
-from s2r_spec.errors import TraceError, UsageError
+from s2r_spec.errors import TraceError, UsageError, require
 from s2r_spec.protocols import PLAYED, PROTOCOL, Protocol, named
 from s2r_spec.trace import Trace
 
@@ -127,9 +127,13 @@ class RobotBackend:
         catalogue = self._robot.catalogue if "." in text else ()
         return read_options(self._robot.name, text, known, catalogue)
 
-    @property
+    @cached_property
     def _choice(self) -> Choice:
-        return choose(self._robot.name, self._robot.catalogue, self._options[1], as_values(self.added))
+        """The effects of the file, those after the colon, and those added; a later value replaces an earlier one."""
+        choice, robot = self._robot.stated, self._robot
+        for more in (self._options[1], self.added):
+            choice = choose(robot.name, robot.catalogue, choice, as_values(more)) if more else choice
+        return choice
 
     def effects(self) -> tuple[Effect, ...]:
         """Return the catalogue; see ``docs/how-to/policies.md``."""
@@ -283,6 +287,17 @@ class RobotBackend:
             for name, changes in VARIANTS.items()
             if touches or "softness" not in changes
         }
+
+    def write_found(self, values: Values, folder: Path) -> list[Finding]:
+        """Write this robot with effects as files of its own; see :class:`s2r_spec.backend.WritesFound`.
+
+        Raises:
+            UsageError: the folder is there already, or cannot be written.
+        """
+        require("robot files with what was found need", "tomlkit")
+        from s2r_mujoco.found.write import write
+
+        return write(self._robot, self.with_effects(values)._choice, folder)
 
     def loop(self, trace: Trace) -> Iterator[Finding]:
         """Yield what a log says of the control loop of the files; see :class:`s2r_spec.backend.HasLoop`."""

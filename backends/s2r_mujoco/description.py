@@ -223,6 +223,7 @@ class RobotFile(_Table):
     fields: dict[str, float] = {}
     start: StartTable = StartTable()
     failure: dict[str, str] = {}
+    effects: dict[str, dict[str, float]] = {}
 
     @model_validator(mode="after")
     def _names(self) -> Self:

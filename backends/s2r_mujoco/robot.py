@@ -29,7 +29,7 @@ from s2r_mujoco.rollout import Record
 from s2r_mujoco.start import floors, start_pose
 from s2r_policy import Policy, open_policy
 from s2r_spec.backend import read_code
-from s2r_spec.effects import Choice, ModelEffect, add_effects
+from s2r_spec.effects import Choice, ModelEffect, add_effects, choose
 from s2r_spec.errors import UsageError, require
 from s2r_spec.trace import Trace
 
@@ -80,6 +80,7 @@ class Robot:
         self.failures = Failures(table.failure, self.channels, self.name)
         self.failures.check()
         self.parameters = parameters_of(self.description, self.plan, self.file, model)
+        _ = self.stated  # refuses an effect that the catalogue lacks
 
     # -- files ----------------------------------------------------------------------------------------------------
 
@@ -146,7 +147,9 @@ class Robot:
         for name in self.code_names:
             total.update(read_code(name, self.description.path.parent)[0].encode())
         here = Path(__file__).parent
-        sources = [path for path in sorted(here.rglob("*.py")) if path.name not in _ONLOOKERS]
+        sources = [
+            path for path in sorted(here.rglob("*.py")) if not _ONLOOKERS & {path.name, path.parent.name}
+        ]
         for path in (self.description.path, *self.deployment.files, *self.file.files, *sources):
             total.update(path.read_bytes())
         return total
@@ -252,6 +255,15 @@ class Robot:
         pose = start_pose(self.model, self.plan, self.description.table.start, self.name)
         return catalogue(self.model, self.plan, pose, acts=self.acts, held=self.held)
 
+    @cached_property
+    def stated(self) -> Choice:
+        """The effects that the robot file states, which it has in every rollout."""
+        table = self.description.table.effects
+        try:
+            return choose(self.name, self.catalogue, (), table) if table else ()
+        except UsageError as error:
+            raise UsageError(f"{self.name}: effects: {error}") from None
+
     def physics(self, added: Choice, variant: str = "") -> Physics:
         """Return what effects change, in the simulator of a variant."""
         changes: Mapping[str, Any] = VARIANTS[variant] if variant else {}
@@ -268,8 +280,8 @@ class Robot:
         return float(away[moving].max(initial=0.1))
 
 
-_ONLOOKERS = {"new.py", "pictures.py", "preflight.py"}
-"""Definition: source files without influence on a trace."""
+_ONLOOKERS = {"new.py", "pictures.py", "preflight.py", "found"}
+"""Definition: source files, and a folder of them, without influence on a trace."""
 
 
 def open_trained(path: Path) -> Policy:

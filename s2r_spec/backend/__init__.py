@@ -23,6 +23,7 @@ from s2r_spec.backend.capabilities import Option as Option
 from s2r_spec.backend.capabilities import Prepares as Prepares
 from s2r_spec.backend.capabilities import Recording as Recording
 from s2r_spec.backend.capabilities import SaysWhenItBegins as SaysWhenItBegins
+from s2r_spec.backend.capabilities import WritesFound as WritesFound
 from s2r_spec.backend.capabilities import assumptions_of as assumptions_of
 from s2r_spec.backend.capabilities import hands_over as hands_over
 from s2r_spec.backend.capabilities import is_exclusive as is_exclusive

@@ -25,6 +25,18 @@ def save(path: Path, content: str | bytes) -> None:
         replace(path, content)
 
 
+def refuse_existing(folder: Path) -> None:
+    """Refuse a folder in which a file could be overwritten, or that cannot be made.
+
+    Raises:
+        UsageError: it is there and not empty, or there is no folder for it.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise UsageError(f"{folder} is there already, and nothing is overwritten; name a new folder")
+    if not folder.absolute().parent.is_dir():
+        raise UsageError(f"cannot make the folder {folder}: there is no folder {folder.parent}")
+
+
 @contextmanager
 def saving(path: Path) -> Iterator[Path]:
     """Give a temporary file to write to, as :func:`replacing` does.

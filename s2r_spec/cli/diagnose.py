@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from s2r_spec.base.errors import UsageError
-from s2r_spec.base.files import save
+from s2r_spec.base.files import refuse_existing, save
 from s2r_spec.base.json_values import document
 from s2r_spec.base.printable import one_line
 from s2r_spec.cli.options.groups import group_options, options, output_option, search_option
@@ -21,6 +21,7 @@ from s2r_spec.cli.terminal.common import begin_run, resumable, sentences
 from s2r_spec.cli.terminal.terminal import console
 
 if TYPE_CHECKING:
+    from s2r_spec.backend import WritesFound
     from s2r_spec.diagnose import Diagnosis
     from s2r_spec.spec import Spec
 
@@ -50,10 +51,14 @@ class Campaign:
     apply: Path | None = output_option(
         None, help="File for the simulator with the named effects; use it as --sim patched:FILE."
     )
+    as_found: Path | None = output_option(
+        None,
+        help="New folder for the simulator's own files with the named effects, and a deploy file without them.",
+    )
     tuned: bool = output_option(
         False,
         "--tuned",
-        help="With --apply: add every other effect, too, with a small size fitted to the data.",
+        help="With --apply or --as-found: add every other effect, too, with a small size fitted to the data.",
     )
     protocols: str | None = search_option(
         None,
@@ -80,8 +85,10 @@ class Campaign:
             UsageError: the options contradict each other, a name is empty, or a file cannot be written.
         """
         writable(self.apply)
-        if self.tuned and self.apply is None:
-            raise UsageError("--tuned changes what --apply writes; give --apply FILE with it")
+        if self.as_found is not None:
+            refuse_existing(self.as_found)
+        if self.tuned and self.apply is None and self.as_found is None:
+            raise UsageError("--tuned changes what --apply and --as-found write; give one of them with it")
         if (self.protocols is not None) + self.no_protocols + self.passive > 1:
             raise UsageError("give only one of --protocols, --no-protocols and --passive")
         names = None if self.protocols is None else tuple(map(str.strip, self.protocols.split(",")))
@@ -127,6 +134,8 @@ def diagnose(
         forms = _forms()
         form = writing.settled(forms)
         names = campaign.names()
+        if campaign.as_found is not None:
+            _writer(compared.sim)
         parsed = load_spec(spec)
         sim, real = compared.sim, compared.real
         (machine,) = reading.backends([real], parsed, compared.requirements(parsed))
@@ -153,12 +162,12 @@ def diagnose(
             )
         folder.mkdir(parents=True, exist_ok=True)
         save(folder / ANSWER, document(diagnosis) + "\n")
-        patch = _patch(diagnosis, sim, campaign)
+        written = [_patch(diagnosis, sim, campaign), *_files(diagnosis, sim, campaign)]
         render, markup = forms[form], diagnosis_report.markup
         write(form, writing.output, lambda: render(diagnosis, parsed), lambda: markup(diagnosis, parsed))
         writing.write_page(lambda: diagnosis_page.render(diagnosis, parsed, real))
         following = _next(diagnosis, sim, machine, campaign.following)
-        for sentence in ("" if form == "json" else patch, following):
+        for sentence in (*(written if form != "json" else ()), following):
             if sentence:
                 errors.print(one_line(sentence), markup=False, soft_wrap=True)
         raise typer.Exit(diagnosis.exit_code)
@@ -185,6 +194,28 @@ def _patch(diagnosis: Diagnosis, sim: str, campaign: Campaign) -> str:
         return f"{campaign.apply} is not written: no effect is named"
     patched.write(campaign.apply, sim, added)
     return f"use it as --sim patched:{campaign.apply}"
+
+
+def _writer(sim: str) -> WritesFound:
+    """Return a simulator that has files of its own; a UsageError names what others have."""
+    from s2r_spec.backend import WritesFound, load_backend
+
+    backend = load_backend(sim)
+    if not isinstance(backend, WritesFound):
+        raise UsageError(
+            f"--as-found writes the files of a robot file (robot.toml), and {sim} has none; use --apply FILE"
+        )
+    return backend
+
+
+def _files(diagnosis: Diagnosis, sim: str, campaign: Campaign) -> list[str]:
+    """Write the simulator's files with the named effects if they are asked for; return sentences on them."""
+    if campaign.as_found is None:
+        return []
+    if not (added := diagnosis.improved(campaign.tuned)):
+        return [f"{campaign.as_found} is not written: no effect is named"]
+    found = _writer(sim).write_found(added, campaign.as_found)
+    return [line for one in found for line in (one.words, *one.table)]
 
 
 def _next(diagnosis: Diagnosis, sim: str, machine: object, path: Path | None) -> str:

@@ -75,6 +75,13 @@ def test_the_next_experiment_is_printed_and_played_from_a_file(cart):
     assert states((cart.folder / "next.csv").read_text().splitlines()[0], "q_0", "kp")
 
 
+def test_files_of_its_own_are_written_by_a_robot_file_alone_and_over_nothing(cart):
+    done = cart(*SWING, "--as-found", "found", code=2)
+    assert states(done.stderr, "--as-found", "robot.toml", "swing", "--apply")
+    done = cart(*SWING, "--as-found", ".", code=2)
+    assert states(done.stderr, "nothing is overwritten")
+
+
 def test_a_missing_patch_is_a_sentence(s2r):
     done = s2r("check", s2r.spec(), "--backend", "patched:none.json", code=2)
     assert states(done.stderr, "none.json", "No such file")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from s2r_mujoco.deploy import rl_gym, rl_sar, unitree
 from s2r_mujoco.deploy.onnx_metadata import of_metadata as of_metadata
@@ -31,8 +32,12 @@ def read_deployment(path: Path) -> Deployment:
         UsageError: the file cannot be read, has no known format, has several policies and no key chooses one, or a key
             of it is missing or wrong.
     """
-    file, key = _split(path)
-    values = read(file)
+    file, key = split(path)
+    return of_values(read(file), file, key)
+
+
+def of_values(values: Any, file: Path, key: str = "") -> Deployment:
+    """Return what the values of a deploy file say; see :func:`read_deployment`."""
     if isinstance(values, Mapping):
         if rl_sar.policies(values):
             return rl_sar.deployment(values, file, key)
@@ -46,7 +51,7 @@ def read_deployment(path: Path) -> Deployment:
     raise UsageError(f"{file} has no known format; it has the keys {keys}. Known are: {'; '.join(FORMATS)}")
 
 
-def _split(path: Path) -> tuple[Path, str]:
+def split(path: Path) -> tuple[Path, str]:
     """Return the file and the key behind its last ``#``; a key may have a slash, as ``b2/robot_lab``."""
     name, mark, key = str(path).rpartition("#")
     return (Path(name), key) if mark and not path.exists() else (path, "")

@@ -22,6 +22,7 @@ about 1,000; its parts are linear in joints and terms."""
 DEEPEST = 30
 """Budget: levels of nesting. Deploy files have 5."""
 
+_WHOLE = re.compile(r"[-+]?\d+")
 _NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
 _NOT_FINITE = re.compile(r"[-+]?\.(inf|Inf|INF|nan|NaN|NAN)")
 _NULL = {"", "~", "null", "Null", "NULL"}
@@ -62,8 +63,53 @@ def read(path: Path) -> Any:
     return parse(text, str(path))
 
 
+@dataclass(frozen=True)
+class Number:
+    """A number in a text: the keys and indices that lead to it (several by aliases), its place, and its value."""
+
+    paths: tuple[tuple[str | int, ...], ...]
+    start: int
+    stop: int
+    line: int
+    value: float
+    whole: bool
+
+
 def parse(text: str, source: str) -> Any:
     """Return the plain values of a YAML text; ``source`` names it in messages. Errors as :func:`read`."""
+    node = _node(text, source)
+    return None if node is None else _Builder(source).value(node)
+
+
+def numbers(text: str, source: str) -> tuple[Number, ...]:
+    """Return every number in a YAML text that :func:`parse` reads, in the order of the text."""
+    found: dict[tuple[int, int], Number] = {}
+
+    def walk(node: Any, path: tuple[str | int, ...]) -> None:
+        if node.id == "sequence":
+            for index, child in enumerate(node.value):
+                walk(child, (*path, index))
+        elif node.id == "mapping":
+            for key, child in node.value:
+                walk(child, (*path, key.value))
+        elif node.style is None and _NUMBER.fullmatch(node.value):
+            place = node.start_mark.index, node.end_mark.index
+            before = found[place].paths if place in found else ()
+            found[place] = Number(
+                (*before, path),
+                *place,
+                node.start_mark.line + 1,
+                float(node.value),
+                bool(_WHOLE.fullmatch(node.value)),
+            )
+
+    if parse(text, source) is not None:
+        walk(_node(text, source), ())
+    return tuple(found[place] for place in sorted(found))
+
+
+def _node(text: str, source: str) -> Any:
+    """Return the parser's tree."""
     require("deploy files need", "yaml", "mujoco")
     import yaml
 
@@ -84,7 +130,7 @@ def parse(text: str, source: str) -> Any:
     try:
         loader = Loader(text)
         try:
-            node = loader.get_single_node()
+            return loader.get_single_node()
         finally:
             loader.dispose()
     except yaml.MarkedYAMLError as error:
@@ -96,7 +142,6 @@ def parse(text: str, source: str) -> Any:
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
         raise UsageError(f"{source}, line {line}: the YAML is broken: a character is not printable") from None
-    return None if node is None else _Builder(source).value(node)
 
 
 def _within(count: int, depth: int, source: str, line: int) -> None:
@@ -155,7 +200,7 @@ class _Builder:
         number = float(text)  # also 1e-3, which is text in YAML 1.1, and a number for the robots' controllers
         if not math.isfinite(number):
             self._fail(node, f"{shortened(text)} is not a finite number")
-        return int(text) if re.fullmatch(r"[-+]?\d+", text) else number
+        return int(text) if _WHOLE.fullmatch(text) else number
 
     def _fail(self, node: Any, problem: str) -> None:
         raise UsageError(f"{self.source}, line {node.start_mark.line + 1}: {problem}")
