@@ -212,3 +212,84 @@ def test_a_file_can_state_the_loop_of_a_machine_with_a_mistake(tmp_path, before,
     log = other.rollout({}, 1)
     assert not wrong(other, log)
     assert len(wrong(right, log)) == 1
+
+
+LACKING = ("obs", "action", "target")
+
+
+def bare(trace, without=LACKING):
+    """Return a log without some channels."""
+    channels = {key: np.asarray(trace[key]) for key in trace.channels if key not in without}
+    units = {key: unit for key, unit in trace.units.items() if key in channels}
+    return Trace(trace.times, channels, units, trace.meta)
+
+
+SMALL = [
+    "base_ang_vel is 0.25 times as large", "projected_gravity is always zero", "last_action is 1 tick late"
+]  # fmt: skip
+LARGE = [
+    "joint_pos_rel has the wrong sign", "joint_vel is 20 times as large", "phase runs 2 times as fast",
+    "target has 2 times the scale of the action",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "without"),
+    [
+        *((name, LACKING) for name in LARGE),
+        *((name, ("obs", "action")) for name in LARGE + SMALL),
+        *((name, ("obs",)) for name in LARGE + SMALL),
+    ],
+)
+def test_the_policy_on_the_logged_state_says_which_mistake_a_log_has(box, name, without):
+    mistakes = {one.name: other for one, other in box.mistakes().items()}
+    logs_of = [bare(mistakes[name].rollout({}, seed), without) for seed in range(3)]
+    found = box.replayed(logs_of)
+    if "target" in name and without == ("obs",):  # there the action is compared, which is right
+        assert not found.mistakes
+    else:
+        assert [one.name for one in found.mistakes] == [name]
+    assert found.explained
+    assert found.probability > 0.95
+
+
+def test_two_mistakes_are_found_together(box):
+    mistakes = {one.name: one for one in box.mistakes()}
+    first = box.with_mistakes([mistakes["joint_vel is 20 times as large"]])
+    second = {one.name: one for one in first.mistakes()}["target has 0.5 times the scale of the action"]
+    found = box.replayed([bare(first.with_mistakes([second]).rollout({}, seed)) for seed in range(3)])
+    names = {one.name for one in found.mistakes}
+    assert names == {"joint_vel is 20 times as large", "target has 0.5 times the scale of the action"}
+
+
+@pytest.mark.parametrize(
+    ("effect", "parameter"),
+    [
+        ("action_delay", "time"), ("observation_delay", "time"), ("actuator_lag", "time"), ("kp", "joint"),
+        ("kd", "joint"), ("encoder_offset", "joint"), ("imu_tilt", "pitch"), ("slope", "left"),
+    ],
+)  # fmt: skip
+def test_no_physics_is_a_mistake_of_the_loop_of_a_log_with_torques_alone(box, effect, parameter):
+    one = next(p for e in box.effects() if e.name == effect for p in e.parameters if p.name == parameter)
+    for value in {one.low, one.high} - {one.nominal}:
+        worn = box.with_effects({effect: {parameter: value}})
+        found = box.replayed([bare(worn.rollout({}, seed)) for seed in range(2)])
+        assert not (found.mistakes and found.explained and found.probability >= 0.95), found
+
+
+def test_a_loop_that_a_log_cannot_show_is_not_judged(box):
+    trace = box.rollout({}, 1)
+    assert box.replayed([bare(trace, (*LACKING, "tau"))]) is None
+    assert box.replayed([bare(trace, ("q",))]) is None
+    assert box.replayed([Trace(trace.times[::2], {"q": trace["q"][::2]}, {"q": "rad"})]) is None
+
+
+def test_every_mistake_is_stated_by_keys_of_a_robot_file(box):
+    """The keys make another loop, so that a file can reproduce the machine."""
+    plain = box.rollout({}, 1)
+    mistakes = box.mistakes()
+    assert len({one.name for one in mistakes}) == len(mistakes) > 50
+    same = [
+        one.name for one, other in mistakes.items() if np.array_equal(other.rollout({}, 1)["q"], plain["q"])
+    ]
+    assert not same

@@ -8,19 +8,20 @@ targets, or the torques, whichever the log has first. Unknown: the loop s, that 
     y_k = a_k, or T_k, or κ_j (T_{k−d} − q_k) − δ_j q̇_k + c_j of joint j;   y_kj = ŷ_kj(s) + ε_kj,   ε_kj ~ N(0, σ_j²)
 
 The last action is the policy's own, so the loop runs from the first tick. Another gain and a delay are physics. So κ_j
-and δ_j are around the stated gains, all with one error, c_j is around 0, and the delay d is the best one. σ_j has the
-density 1/σ_j. A loop in which all that is measured is late is one of physics, too.
+and δ_j are around the stated gains, all with one error, c_j is around 0, and the delay d, or a lag, is the best one.
+σ_j has the density 1/σ_j. A loop in which all that is measured is late is one of physics, too.
 
 Estimator: ℓ(s) = −½ N Σ_j log(RSS_j(s)/n + r²) + log p(κ, δ, c), N = n (1 − ρ)/(1 + ρ) independent ticks, ρ the
-correlation of neighbouring residuals of the best loop, and r the rounding of the log. Before, the loop of the files is
-as likely as all others together. A second mistake is looked for beside the best first one.
+correlation of neighbouring residuals of the best loop, and r the rounding of the log with the error of a motor's law.
+Before, the loop of the files is as likely as all others together. A second mistake is looked for beside the best first
+one.
 
 Units: those of y. Shapes: n ticks, J joints. Source: Gelman et al., *Bayesian Data Analysis* (2013), ch. 3 (σ unknown).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -31,12 +32,19 @@ from s2r_mujoco.interface.log import Log, reached, stated_gains
 from s2r_mujoco.interface.mistakes import FEWEST, rounding
 from s2r_mujoco.interface.switches import Switch, delayed, switches
 from s2r_mujoco.plan import Plan
+from s2r_mujoco.robot import Robot
 from s2r_spec.backend import LoopMistake, Replayed
 
 SATURATED = 0.98
 """Tolerance: part of its limit from which on a torque says nothing of the target."""
 DELAYS = range(4)
 """Budget: ticks by which a logged torque may be older than the target of its row."""
+MOTOR = 0.01
+"""Tolerance: part of the torques' rms by which motors differ from the law of their gains."""
+LAGS = (0.5, 1.0, 2.0, 5.0)
+"""Budget: time constants of a lag of the targets, in ticks."""
+FIRST = 3
+"""Budget: first mistakes beside which a second one is looked for, where there is one."""
 GAINS, OFFSET = 0.15, 0.02
 """Prior: relative deviation of a gain; deviation of an encoder's offset [rad or m]. Both as in the catalogue."""
 EXPLAINED = 0.05
@@ -131,6 +139,8 @@ class Replay:
         assert all(outputs)
         self.outputs = [one for one in outputs if one is not None]
         self.step = max(rounding(one.values) for one in self.outputs)
+        if self.name == "tau":
+            self.step = float(np.hypot(self.step, MOTOR * self.size))
 
     @property
     def name(self) -> str:
@@ -190,9 +200,8 @@ class Replay:
         assert position is not None
         assert speed is not None
         fits = []
-        for delay in DELAYS:
+        for delay, sent in _sent(target):
             rows = slice(delay, None)
-            sent = target[: len(target) - delay]
             left = np.full_like(output.values, np.nan)
             left[rows], price = _torques(sent - position[rows], speed[rows], output.values[rows], stated)
             fits.append((float(_logs(left, self.step).sum()), left, price))
@@ -219,11 +228,8 @@ def replayed(logs: Sequence[Log]) -> Replayed | None:
         later = [replay.rival(one.plan, (one,), begun=begun) for one in switches(robot)]
         other = _ranked(replay, [files, *late], later)
         found = other if other[0][0].rms <= EXPLAINED * replay.size else found
-    best, sure = found[0]
-    if best.switches and sure >= SURE:
-        more = [replay.rival(one.plan, (*best.switches, one)) for one in switches(robot, best.plan)]
-        both = _ranked(replay, [best], more)
-        found = both if both[0][0] is not best and both[0][1] >= SURE else found
+    if found[0][0].switches and found[0][1] >= SURE:
+        found = _with_second(replay, robot, found)
     best, sure = found[0]
     share = best.rms / max(replay.size, 1e-12)
     return Replayed(
@@ -235,6 +241,28 @@ def replayed(logs: Sequence[Log]) -> Replayed | None:
         output=replay.name,
         explained=share <= EXPLAINED,
     )
+
+
+def _with_second(replay: Replay, robot: Robot, found: list[tuple[Rival, float]]) -> list[tuple[Rival, float]]:
+    """Return loops with a second mistake, if one of them is surely better than the best with one.
+
+    Then the first mistake may also be that of the next loops, in other quantities.
+    """
+    best = found[0][0]
+    others = {one.switches[0].quantity: one for one, _ in reversed(found) if one.switches}
+    del others[best.switches[0].quantity]
+    next_best = sorted(others.values(), key=lambda one: [each for each, _ in found].index(one))
+    more: list[Rival] = []
+    for number, first in enumerate([best, *next_best[: FIRST - 1]]):
+        if number and not _is_better(_ranked(replay, [best], more), best):
+            break
+        more += [replay.rival(one.plan, (*first.switches, one)) for one in switches(robot, first.plan)]
+    both = _ranked(replay, [best], more)
+    return both if _is_better(both, best) else found
+
+
+def _is_better(ranked: Sequence[tuple[Rival, float]], best: Rival) -> bool:
+    return ranked[0][0] is not best and ranked[0][1] >= SURE
 
 
 def _ranked(replay: Replay, before: Sequence[Rival], rivals: Sequence[Rival]) -> list[tuple[Rival, float]]:
@@ -263,6 +291,17 @@ def actions(log: Log, plan: Plan, begun: int = 0) -> FloatArray:
         memory.last_action[:] = log.limited(action)
         made.append(action)
     return np.array(made)
+
+
+def _sent(target: FloatArray) -> Iterator[tuple[int, FloatArray]]:
+    """Yield (n, J) targets as they may act: with the ticks of a delay, (n − ticks, J), or with a lag."""
+    from scipy.signal import lfilter
+
+    for delay in DELAYS:
+        yield delay, target[: len(target) - delay]
+    for ticks in LAGS:
+        keep = np.exp(-1.0 / ticks)
+        yield 0, lfilter([1.0 - keep], [1.0, -keep], target, axis=0, zi=keep * target[:1])[0]
 
 
 def _logs(left: FloatArray, step: float) -> FloatArray:
