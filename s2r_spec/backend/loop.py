@@ -44,6 +44,7 @@ class Replayed:
         files: what the loop of the files leaves.
         output: the channel that was compared.
         explained: whether the most probable loop explains the output.
+        channels: those that the controller's input and the output are made from.
     """
 
     mistakes: tuple[LoopMistake, ...]
@@ -53,6 +54,7 @@ class Replayed:
     files: float
     output: str
     explained: bool
+    channels: frozenset[str] = frozenset()
 
 
 @runtime_checkable

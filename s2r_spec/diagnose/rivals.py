@@ -22,7 +22,7 @@ import numpy as np
 
 from s2r_spec.backend import Backend, HasLoop, LoopMistake
 from s2r_spec.base.arrays import FloatArray
-from s2r_spec.diagnose.candidates import predicted
+from s2r_spec.diagnose.candidates import Predicted, predicted
 from s2r_spec.diagnose.inference.model_search import Set
 from s2r_spec.diagnose.inference.prediction import DRAWS, Candidate, fitted
 from s2r_spec.diagnose.inference.prior import SizePrior
@@ -36,6 +36,9 @@ from s2r_spec.diagnose.simulator.response import Response, ResponseLibrary, repl
 from s2r_spec.trace import Trace
 from s2r_spec.workers.pools import ExecutorFactory
 
+CLEAR = 0.5
+"""Level: part of what the loop of the files leaves with its best effects that another loop may leave, to be named. The
+laws of effects are not exact, so a smaller difference is no sign of a mistake."""
 FITTED = 4
 """Budget: loops that are fitted with effects."""
 
@@ -67,6 +70,7 @@ def rival_loops(
             one = fitted(near, data.background, np.zeros(prior.low.size), prior, ())
             alone[mistake] = float(one.score.sum())
     scores: dict[tuple[LoopMistake, ...], FloatArray] = {(): _scores(found.candidates, prior)}
+    left: dict[tuple[LoopMistake, ...], float] = {(): _left(found)}
     for mistake in sorted(alone, key=lambda one: -alone[one])[:FITTED]:
         progress("fitting mistakes of the loop", 0, 0)
         other = mistakes[mistake]
@@ -78,11 +82,18 @@ def rival_loops(
             executor,
         )
         assert own is not None
-        scores[mistake,] = _scores(own.candidates, prior)
+        scores[mistake,], left[mistake,] = _scores(own.candidates, prior), _left(own)
     logs = {
         loop: values + np.log(0.5 if not loop else 0.5 / len(mistakes)) for loop, values in scores.items()
     }
-    return _loop(logs)
+    loop = _loop(logs)
+    return replace(loop, explained=not loop.mistakes or left[loop.mistakes] <= CLEAR * left[()])
+
+
+def _left(found: Predicted) -> float:
+    """Return the mean square that the best set of a loop leaves, in units of scatter and background."""
+    best = max(found.candidates.values(), key=lambda one: float(one.score.sum()))
+    return float(best.energy.mean())
 
 
 def _loop(logs: Mapping[tuple[LoopMistake, ...], FloatArray]) -> Loop:

@@ -389,7 +389,7 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
     bench, seed, tell = work.bench, work.seed, work.tell
     tests, parts, axes = data.rollouts.tests, data.parts, data.responses.parameters
     used = [*parts.train.tests, *parts.held_out]
-    odd = likely_findings(work.counted("checking the recordings"), tests, axes)
+    odd = likely_findings(work.counted("checking the recordings"), tests, axes, work.loop)
     # Tests at which a rollout ended early come last, so that an accident changes no seed of another test.
     ordered = sorted(tests, key=lambda run: run[1].failure is not None)
     nominal = Nominal.of(work.counted("simulating all tests"), [test for test, _ in ordered], seed)
@@ -425,7 +425,7 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
         tuned,
         provenance(bench, seed, data.rollouts, len(parts.held_out)),
         ASSUMPTIONS,
-        (*lacking, *data.rollouts.notes),
+        (*lacking, *data.rollouts.notes, *([work.loop.words] if work.loop and not work.loop.sure else [])),
         passive=not data.rollouts.protocols,
         breaking=breaking_sizes(bench, fitted.library, tests, sizes),
     )

@@ -25,6 +25,7 @@ class Log:
 
     def __init__(self, robot: Robot, trace: Trace) -> None:
         self.robot, self.trace, self.plan = robot, trace, robot.plan
+        self.used: set[str] = set()
 
     def __len__(self) -> int:
         return len(self.trace)
@@ -40,9 +41,10 @@ class Log:
         return abs(self.period / self.plan.step - 1.0) <= RATE
 
     def channel(self, name: str) -> FloatArray | None:
-        """Return (n, w) a channel; None where the log lacks it."""
+        """Return (n, w) a channel; None where the log lacks it. ``used`` remembers its name."""
         if name not in self.trace.channels:
             return None
+        self.used.add(name)
         values = np.asarray(self.trace[name], dtype=np.float64)
         return values.reshape(len(values), -1)
 

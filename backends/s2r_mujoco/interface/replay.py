@@ -7,9 +7,10 @@ targets, or the torques, whichever the log has first. Unknown: the loop s, that 
     a_k = π(o_k(s)),   o_k(s) from the logged state and a_{k−1};   T_k = targets of a_k by s
     y_k = a_k, or T_k, or κ_j (T_{k−d} − q_k) − δ_j q̇_k + c_j of joint j;   y_kj = ŷ_kj(s) + ε_kj,   ε_kj ~ N(0, σ_j²)
 
-The last action is the policy's own, so the loop runs from the first tick. Another gain and a delay are physics. So κ_j
-and δ_j are around the stated gains, all with one error, c_j is around 0, and the delay d, or a lag, is the best one.
-σ_j has the density 1/σ_j. A loop in which all that is measured is late is one of physics, too.
+The last action is the policy's own, so the loop runs from the first tick. Another gain, a delay and a lag are physics.
+So κ_j and δ_j are around the stated gains, all with one error, and c_j is around 0. The delay d, with or without jitter,
+the lag and the age of the logged state are the best ones. σ_j has the density 1/σ_j. A loop in which all that is
+measured is late is one of physics, too.
 
 Estimator: ℓ(s) = −½ N Σ_j log(RSS_j(s)/n + r²) + log p(κ, δ, c), N = n (1 − ρ)/(1 + ρ) independent ticks, ρ the
 correlation of neighbouring residuals of the best loop, and r the rounding of the log with the error of a motor's law.
@@ -43,6 +44,8 @@ MOTOR = 0.01
 """Tolerance: part of the torques' rms by which motors differ from the law of their gains."""
 LAGS = (0.5, 1.0, 2.0, 5.0)
 """Budget: time constants of a lag of the targets, in ticks."""
+AGES = (0.5, 1.0, 1.5, 2.0, 3.0)
+"""Budget: ticks by which a logged state may be older than that of the motors."""
 FIRST = 3
 """Budget: first mistakes beside which a second one is looked for, where there is one."""
 GAINS, OFFSET = 0.15, 0.02
@@ -199,14 +202,21 @@ class Replay:
         position, speed = log.joints("q", names), log.joints("dq", names)
         assert position is not None
         assert speed is not None
-        fits = []
-        for delay, sent in _sent(target):
-            rows = slice(delay, None)
-            left = np.full_like(output.values, np.nan)
-            left[rows], price = _torques(sent - position[rows], speed[rows], output.values[rows], stated)
-            fits.append((float(_logs(left, self.step).sum()), left, price))
-        _, left, price = min(fits, key=lambda one: one[0])
-        return left, price
+        motors = _Motors(position, speed, output.values, stated)
+        sent = [_late(target, delay) for delay in DELAYS]
+        best = min((motors.fit(one) for one in sent), key=self._size)
+        for one, other in pairwise(
+            sent
+        ):  # where a delay has jitter, some ticks have the target of another tick
+            best = min(best, motors.fit(motors.nearest(one, other)), key=self._size)
+        best = min(best, *(motors.fit(one) for one in _lagging(target)), key=self._size)
+        if np.nanmean(best.left**2) > (EXPLAINED * self.size) ** 2:
+            newer = [replace(motors, position=_sooner(position, x), speed=_sooner(speed, x)) for x in AGES]
+            best = min(best, *(each.fit(one) for each in newer for one in sent[:2]), key=self._size)
+        return best.left, best.price
+
+    def _size(self, fit: _Fit) -> float:
+        return float(_logs(fit.left, self.step).sum())
 
 
 def replayed(logs: Sequence[Log]) -> Replayed | None:
@@ -240,6 +250,7 @@ def replayed(logs: Sequence[Log]) -> Replayed | None:
         files=files.rms / max(replay.size, 1e-12),
         output=replay.name,
         explained=share <= EXPLAINED,
+        channels=frozenset().union(*(log.used for log in usable)),
     )
 
 
@@ -293,15 +304,26 @@ def actions(log: Log, plan: Plan, begun: int = 0) -> FloatArray:
     return np.array(made)
 
 
-def _sent(target: FloatArray) -> Iterator[tuple[int, FloatArray]]:
-    """Yield (n, J) targets as they may act: with the ticks of a delay, (n − ticks, J), or with a lag."""
+def _late(target: FloatArray, ticks: int) -> FloatArray:
+    """Return (n, J) targets some ticks later; before the first target there is none, and it stands for it."""
+    return target[np.maximum(np.arange(len(target)) - ticks, 0)]
+
+
+def _sooner(state: FloatArray, ticks: float) -> FloatArray:
+    """Return (n, J) the state that a log has some ticks later; at the end the last one stands for it."""
+    whole, share = divmod(ticks, 1.0)
+    rows = np.arange(len(state)) + int(whole)
+    one, other = (state[np.minimum(rows + k, len(state) - 1)] for k in (0, 1))
+    return np.asarray((1.0 - share) * one + share * other)
+
+
+def _lagging(target: FloatArray) -> Iterator[FloatArray]:
+    """Yield (n, J) targets with lags."""
     from scipy.signal import lfilter
 
-    for delay in DELAYS:
-        yield delay, target[: len(target) - delay]
     for ticks in LAGS:
         keep = np.exp(-1.0 / ticks)
-        yield 0, lfilter([1.0 - keep], [1.0, -keep], target, axis=0, zi=keep * target[:1])[0]
+        yield lfilter([1.0 - keep], [1.0, -keep], target, axis=0, zi=keep * target[:1])[0]
 
 
 def _logs(left: FloatArray, step: float) -> FloatArray:
@@ -311,27 +333,59 @@ def _logs(left: FloatArray, step: float) -> FloatArray:
     return np.log(squares + step**2 + 1e-300)
 
 
-def _torques(
-    error: FloatArray, speed: FloatArray, torque: FloatArray, stated: FloatArray
-) -> tuple[FloatArray, float]:
-    """Return (n, J) what κ (T − q) − δ q̇ + c leaves of the torques below their limits, and −log p(κ, δ, c)."""
-    left, price = np.full_like(torque, np.nan), 0.0
-    for j in range(torque.shape[1]):
-        free = np.abs(torque[:, j]) < SATURATED * np.abs(torque[:, j]).max(initial=0.0)
-        x = np.stack([error[:, j], -speed[:, j], np.ones(len(torque))], axis=1)[free]
-        y = torque[free, j]
-        if len(x) <= x.shape[1]:
-            continue
-        known = np.isfinite(stated[j]).all()
-        mean = np.array([*stated[j], 0.0]) if known else np.zeros(3)
-        deviation = np.array([*np.maximum(GAINS * stated[j], 1e-9), OFFSET * stated[j][0] + 1e-9])
-        precision = deviation**-2 if known else np.zeros(3)
-        variance = float(np.mean((y - x @ mean) ** 2)) + 1e-12
-        for _ in range(ROUNDS):
-            gains = np.linalg.solve(
-                x.T @ x / variance + np.diag(precision + 1e-12), x.T @ y / variance + precision * mean
-            )
-            variance = float(np.mean((y - x @ gains) ** 2)) + 1e-12
-        left[free, j] = y - x @ gains
-        price += 0.5 * float(precision @ (gains - mean) ** 2) / torque.shape[1]
-    return left, price
+@dataclass(frozen=True)
+class _Fit:
+    """What targets leave of torques: (n, J), NaN at a limit; (J,) κ; and −log p(κ, δ, c)."""
+
+    left: FloatArray
+    kappa: FloatArray
+    price: float
+
+
+@dataclass(frozen=True)
+class _Motors:
+    """(n, J) positions, velocities and torques, and (J, 2) the stated gains."""
+
+    position: FloatArray
+    speed: FloatArray
+    torque: FloatArray
+    stated: FloatArray
+
+    def fit(self, target: FloatArray) -> _Fit:
+        """Return what κ (T − q) − δ q̇ + c leaves of the torques below their limits, by (n, J) targets."""
+        joints = self.torque.shape[1]
+        left, kappa, price = np.full_like(self.torque, np.nan), np.zeros(joints), 0.0
+        error = target - self.position
+        for j in range(joints):
+            y, stated = self.torque[:, j], self.stated[j]
+            free = np.abs(y) < SATURATED * np.abs(y).max(initial=0.0)
+            free[: DELAYS[-1]] = False  # the target of the tick before the first is unknown
+            x = np.stack([error[:, j], -self.speed[:, j], np.ones(len(y))], axis=1)[free]
+            if len(x) <= x.shape[1]:
+                continue
+            gains, own = _ridge(x, y[free], stated)
+            left[free, j], kappa[j] = y[free] - x @ gains, gains[0]
+            price += own / joints
+        return _Fit(left, kappa, price)
+
+    def nearest(self, one: FloatArray, other: FloatArray) -> FloatArray:
+        """Return (n, J) the targets of one or the other, whichever leaves less of the torques at a tick."""
+        fit = self.fit(one)
+        left = np.nan_to_num(fit.left)
+        moved = np.where(np.isfinite(fit.left), fit.kappa * (other - one), 0.0)
+        nearer = ((left - moved) ** 2).sum(axis=1) < (left**2).sum(axis=1)
+        return np.where(nearer[:, None], other, one)
+
+
+def _ridge(x: FloatArray, y: FloatArray, stated: FloatArray) -> tuple[FloatArray, float]:
+    """Return κ, δ and c with a prior around (2,) stated gains, and −log of it; it is flat where none is stated."""
+    known = np.isfinite(stated).all()
+    mean = np.array([*stated, 0.0]) if known else np.zeros(3)
+    deviation = np.array([*np.maximum(GAINS * stated, 1e-9), OFFSET * stated[0] + 1e-9])
+    precision = deviation**-2 if known else np.zeros(3)
+    variance = float(np.mean((y - x @ mean) ** 2)) + 1e-12
+    for _ in range(ROUNDS):
+        matrix = x.T @ x / variance + np.diag(precision + 1e-12)
+        gains = np.linalg.solve(matrix, x.T @ y / variance + precision * mean)
+        variance = float(np.mean((y - x @ gains) ** 2)) + 1e-12
+    return np.asarray(gains), 0.5 * float(precision @ (gains - mean) ** 2)

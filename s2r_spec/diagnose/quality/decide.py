@@ -13,7 +13,7 @@ from s2r_spec.diagnose.quality.faults import Fault, Undone, faults
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.quality.labels import labels
 from s2r_spec.diagnose.quality.law import by_law
-from s2r_spec.diagnose.quality.loop import by_loop
+from s2r_spec.diagnose.quality.loop import Loop, by_loop
 from s2r_spec.diagnose.quality.machine import nearest_machine
 from s2r_spec.diagnose.quality.recordings import Recordings
 from s2r_spec.diagnose.simulator.axes import EffectAxis
@@ -74,22 +74,40 @@ def certain_findings(bench: Bench, rollouts: Sequence[TestRun]) -> tuple[Finding
 
 
 def likely_findings(
-    bench: Bench, rollouts: Sequence[TestRun], axes: Sequence[EffectAxis] = ()
+    bench: Bench, rollouts: Sequence[TestRun], axes: Sequence[EffectAxis] = (), loop: Loop | None = None
 ) -> tuple[Finding, ...]:
-    """Return the mistakes that the recordings seem to have beside the simulator."""
+    """Return the mistakes that recordings seem to have beside the simulator, without those that their loop refutes."""
     of = Recordings(bench, rollouts)
     first = by_channel(of)
     held, straight = hold(of)
     c = compare(bench, straight.rollouts, axes, [each.channel for each in first])
-    suspects = [] if c is None else find_suspects(bench, c, straight.rollouts)
+    suspects = [] if c is None else find_suspects(bench, c, straight.rollouts, loop)
     return (*held, *suspects, *first)
 
 
-def find_suspects(bench: Bench, c: Comparison, rollouts: Sequence[TestRun]) -> list[Finding]:
+def _is_refuted(finding: Finding, undone: Undone, c: Comparison, shown: frozenset[str]) -> bool:
+    """Return whether the loop of a machine refutes a mistake of its recordings: the controller used these channels.
+
+    What stands in them is what the controller had at its ticks. Of a clock nothing else is known: a loop that itself
+    has another period is no mistake of the recordings.
+    """
+    others = {column.channel for column in c.columns} - undone.group
+    if finding.code in ("clock", "begin"):
+        return bool(shown)
+    if finding.code == "late":
+        return bool(shown & undone.group) and bool(shown & others)
+    return bool(undone.group) and undone.group <= shown
+
+
+def find_suspects(
+    bench: Bench, c: Comparison, rollouts: Sequence[TestRun], loop: Loop | None = None
+) -> list[Finding]:
     """Return the mistakes that explain what no machine does, or as much as the best machine; one of each code."""
     if c.misfit(c.recorded, effects=False) < c.usual:
         return []  # as the nominal simulator's: there is nothing to explain
     candidates = [*faults(c), *labels(bench, c, rollouts)]
+    if loop is not None and loop.sure:
+        candidates = [one for one in candidates if not _is_refuted(*one, c, loop.channels)]
     judged = sorted((_Judged.of(c, fault) for fault in candidates), key=lambda one: one.after)
     judged = [one for one in judged if one.removes(1.0 - MOST, one.before) or one.alike]
     if not judged:

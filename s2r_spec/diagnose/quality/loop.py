@@ -28,19 +28,23 @@ class Loop(Shown):
         probability: of this loop, among those that were tried.
         rivals: the next loops, in words, each with its probability.
         words: what shows it, as a sentence.
+        channels: what stands in them, the controller had at its ticks.
+        explained: whether the loop explains what it is compared with.
     """
 
     mistakes: tuple[LoopMistake, ...]
     probability: float
     rivals: tuple[tuple[str, float], ...]
     words: str
+    channels: frozenset[str] = frozenset()
+    explained: bool = True
 
-    JSON = "mistakes probability rivals words"
+    JSON = "mistakes probability rivals words explained"
 
     @property
     def sure(self) -> bool:
         """Whether it is the loop of the machine."""
-        return self.probability >= SURE
+        return self.explained and self.probability >= SURE
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -69,8 +73,15 @@ def with_loop_of(bench: Bench, rollouts: Sequence[TestRun]) -> tuple[Bench, Loop
             f"On the recorded state, this loop leaves {100.0 * found.share:.2g} % of {found.output} unexplained, and "
             f"that of the files {100.0 * found.files:.2g} %."
         )
-        loop = Loop(found.mistakes, found.probability, rivals, words if found.mistakes else "")
-    backend = bench.backend.with_mistakes(loop.mistakes if loop else ())
+        words = words if found.mistakes else ""
+        loop = Loop(found.mistakes, found.probability, rivals, words, found.channels)
+    elif found is not None:
+        words = (
+            f"on the recorded state no loop explains {found.output}: the nearest, {words_of(found.mistakes)}, leaves "
+            f"{100.0 * found.share:.2g} % of it"
+        )
+        loop = Loop(found.mistakes, found.probability, (), words, explained=False)
+    backend = bench.backend.with_mistakes(loop.mistakes if loop is not None and loop.sure else ())
     return replace(bench, backend=backend.as_logged(traces)), loop
 
 
