@@ -1,12 +1,13 @@
 """Go1 machines of a generator with code of its own, with one mistake in the code around the policy.
 
-Run: OMP_NUM_THREADS=1 python -m benchmarks.robots.machines [--rollouts 3] [--write]
+Run: OMP_NUM_THREADS=1 python -m benchmarks.robots.machines [--rollouts 3] [--seed 0] [--write]
 
 Every machine is a **twin** (:mod:`.go1`) with small amounts of all effects. A log has what a robot logs: the measured
-state, `obs`, `action`, `target` and `tau`.
+state and `tau`; then also `target`; then also `obs` and `action`.
 
-For each mistake the command prints what ``s2r backends robot.toml --log`` says of these logs, and counts the mistakes
-that it names with their term and kind. Healthy machines must have none.
+For each mistake the command prints what ``s2r backends robot.toml --log`` says of logs with `obs`, and what the policy
+on the state of each log says. ``s2r diagnose`` does both. It counts the mistakes that are named with term and kind.
+Healthy machines must have none.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ import numpy as np
 from benchmarks.robots.go1 import TICK, Array, Edit, Machine, Mistake
 from benchmarks.robots.public import GO1
 from s2r_spec.backend import HasLoop, load_backend
+from s2r_spec.diagnose.inference.prior import SURE
+from s2r_spec.trace import Trace
 
 RESULT = Path(__file__).parents[1] / "results" / "go1_loops.json"
 
@@ -108,42 +111,111 @@ MISTAKES = (
 )  # fmt: skip
 
 
+NAMES = {
+    "legs exchanged in q": "joint_pos_rel has left and right exchanged",
+    "legs exchanged in dq": "joint_vel has left and right exchanged",
+    "q by kinds": "joint_pos_rel is ordered by kind of joint",
+    "dq by kinds": "joint_vel is ordered by kind of joint",
+    "targets by kinds": "target is ordered by kind of joint",
+    "legs exchanged in targets": "target has left and right exchanged",
+    "sign of hips in q": "joint_pos_rel has the wrong sign in hip",
+    "sign of hips in dq": "joint_vel has the wrong sign in hip",
+    "sign of gravity": "projected_gravity has the wrong sign",
+    "sign of the yaw rate": "gyro has the wrong sign in z",
+    "gyro in degrees": "gyro is 57.3 times as large: in degrees instead of radians",
+    "gyro a quarter": "gyro is 0.25 times as large",
+    "dq a twentieth": "joint_vel is 0.05 times as large",
+    "velocity doubled": "local_linvel is 2 times as large",
+    "velocity of the world": "local_linvel is in axes of the world",
+    "velocity missing": "local_linvel is always zero",
+    "last action missing": "last_action is always zero",
+    "last action of two ticks ago": "last_action is 1 tick late",
+    "command doubled": "velocity_commands is 2 times as large",
+    "default pose left out": "joint_pos_rel has no default pose subtracted",
+    "q two ticks late": "joint_pos_rel is 2 ticks late",
+    "gyro and velocity exchanged": "local_linvel and gyro are exchanged",
+    "action scale halved": "target has 0.5 times the scale of the action",
+    "sign of gyro from 1 s on": "gyro has the wrong sign from t",
+}  # fmt: skip
+"""Definition: mistake → what a replay of its logs must say, or begin with."""
+LOGS = {"check": (), "all": (), "target": ("obs", "action"), "tau": ("obs", "action", "target")}
+"""Definition: what is asked of a log → the channels that it lacks."""
+
+
+def without(trace: Trace, channels: tuple[str, ...]) -> Trace:
+    """Return a log without some channels."""
+    kept = {name: np.asarray(trace[name]) for name in trace.channels if name not in channels}
+    return Trace(trace.times, kept, {k: u for k, u in trace.units.items() if k in kept}, trace.meta)
+
+
+def by_check(robot: HasLoop, logs: list[Trace], mistake: Mistake | None) -> tuple[bool, list[str]]:
+    """Return whether the check of the whole loop is right, and what it says."""
+    found = {
+        one.words for log in logs for one in robot.loop(log) if one.level == "wrong" and one.topic != "torque"
+    }
+    if mistake is None:
+        return not found, sorted(found)
+    return any(w.startswith(mistake.quantity) and mistake.kind in w for w in found), sorted(found)
+
+
+def by_replay(robot: HasLoop, logs: list[Trace], mistake: Mistake | None) -> tuple[bool, list[str]]:
+    """Return whether the replay of logs without the observations is right, and what it says."""
+    found = robot.replayed(logs)
+    assert found is not None
+    sure = found.explained and found.probability >= SURE
+    names = [one.name for one in found.mistakes] if sure else []
+    if mistake is None:
+        return sure and not names, names
+    return len(names) == 1 and names[0].startswith(NAMES[mistake.name]), names
+
+
 def main() -> None:
-    """Print and count what the check says of every mistake, and of healthy machines."""
+    """Print and count what both say of every mistake, and of healthy machines."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--rollouts", type=int, default=3)
     parser.add_argument("--healthy", type=int, default=6)
+    parser.add_argument("--seed", type=int, default=0, help="of the first machine")
     parser.add_argument("--write", action="store_true", help=f"keep the counts in {RESULT.name}")
     given = parser.parse_args()
+    every: list[Mistake | None] = [*MISTAKES, *(given.healthy * [None])]
+    rows: dict[str, dict[str, list[str]]] = {}
+    right = {log: [0, 0] for log in LOGS}
     with TemporaryDirectory() as folder:
         (Path(folder) / "go1.toml").write_text(GO1)
         robot = load_backend(str(Path(folder) / "go1.toml"))
         assert isinstance(robot, HasLoop)
-        named, certain, rows = 0, 0, {}
-        for seed, mistake in enumerate((*MISTAKES, *(given.healthy * [None]))):
-            machine, found = Machine(seed, mistake=mistake), {}
-            for vd in np.linspace(0.3, 0.7, given.rollouts).tolist():
-                for one in robot.loop(machine.drive(vd)):
-                    if one.level == "wrong" and one.topic != "torque":
-                        found[one.words] = one.certain
-            name = mistake.name if mistake else f"healthy {seed - len(MISTAKES) + 1}"
-            rows[name] = sorted(found)
-            if mistake:
-                right = any(w.startswith(mistake.quantity) and mistake.kind in w for w in found)
-                named, certain = named + right, certain + any(found.values())
-                print("right" if right else "WRONG", "|", name, "|", "; ".join(sorted(found)), flush=True)
-            else:
-                print("right" if not found else "WRONG", "|", name, "|", "; ".join(sorted(found)), flush=True)
-    healthy = [name for name in rows if name.startswith("healthy") and not rows[name]]
+        for number, mistake in enumerate(every):
+            machine = Machine(given.seed + number, mistake=mistake)
+            runs = [machine.drive(vd) for vd in np.linspace(0.3, 0.7, given.rollouts).tolist()]
+            name = mistake.name if mistake else f"healthy {number - len(MISTAKES) + 1}"
+            rows[name] = {}
+            for log, lacking in LOGS.items():
+                says = by_check if log == "check" else by_replay
+                good, rows[name][log] = says(robot, [without(run, lacking) for run in runs], mistake)
+                right[log][mistake is None] += good
+                print(
+                    "right" if good else "WRONG",
+                    "|",
+                    name,
+                    "|",
+                    log,
+                    "|",
+                    "; ".join(rows[name][log]),
+                    flush=True,
+                )
     counts = {
-        "mistakes named with term and kind": f"{named} of {len(MISTAKES)}",
-        "healthy machines without a finding": f"{len(healthy)} of {given.healthy}",
+        log: {
+            "mistakes named": f"{good[0]} of {len(MISTAKES)}",
+            "healthy machines cleared": f"{good[1]} of {given.healthy}",
+        }
+        for log, good in right.items()
     }
     print(json.dumps(counts, indent=1))
     if given.write:
-        RESULT.write_text(json.dumps({**counts, "found": rows}, indent=1, ensure_ascii=False) + "\n")
+        result = {"seed": given.seed, "rollouts": given.rollouts, **counts, "found": rows}
+        RESULT.write_text(json.dumps(result, indent=1, ensure_ascii=False) + "\n")
 
 
 if __name__ == "__main__":

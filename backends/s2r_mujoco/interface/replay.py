@@ -5,10 +5,11 @@ targets, or the torques, whichever the log has first. Unknown: the loop s, that 
 :mod:`.switches`. Model:
 
     a_k = π(o_k(s)),   o_k(s) from the logged state and a_{k−1};   T_k = targets of a_k by s
-    y_k = a_k, or T_k, or κ_j (T_{k−d} − q_k) − δ_j q̇_k + c_j of joint j;   y_kj = ŷ_kj(s) + ε_kj,   ε_kj ~ N(0, σ_j²)
+    y_k = a_k with the T_k of the logged action, or T_k, or κ_j (T_{k−d} − q_k) − δ_j q̇_k + c_j of joint j
+    y_kj = ŷ_kj(s) + ε_kj,   ε_kj ~ N(0, σ_j²)
 
 The last action is the policy's own, so the loop runs from the first tick. Another gain, a delay and a lag are physics.
-So κ_j and δ_j are around the stated gains, all with one error, and c_j is around 0. The delay d, with or without jitter,
+So κ_j and δ_j are around the stated gains, all with one error, and c_j around 0. The delay d, with or without jitter,
 the lag and the age of the logged state are the best ones. σ_j has the density 1/σ_j. A loop in which all that is
 measured is late is one of physics, too.
 
@@ -62,10 +63,11 @@ ROUNDS = 3
 
 @dataclass(frozen=True)
 class Output:
-    """What the loop gave out: name of the channel, and (n, J) values."""
+    """What the loop gave out: name of the channel, (n, J) values, and beside an action the targets that it became."""
 
     name: str
     values: FloatArray
+    target: FloatArray | None = None
 
     @classmethod
     def of(cls, log: Log) -> Output | None:
@@ -73,9 +75,10 @@ class Output:
         plan = log.plan
         names = [plan.joints.names[k] for k in np.argsort(plan.joints.qpos)]
         action, target, torque = log.channel("action"), log.channel("target"), log.joints("tau", names)
+        target = None if target is None or target.shape[1] != len(names) else target
         if action is not None and action.shape[1] == len(plan.law.moved):
-            return cls("action", action)
-        if target is not None and target.shape[1] == len(names):
+            return cls("action", action, target)
+        if target is not None:
             return cls("target", target)
         state = log.joints("q", names), log.joints("dq", names)
         return None if torque is None or any(one is None for one in state) else cls("tau", torque)
@@ -190,9 +193,13 @@ class Replay:
 
     def _left(self, log: Log, output: Output, plan: Plan, begun: int) -> tuple[FloatArray, float]:
         made = actions(log, plan, begun)
-        if output.name == "action":
-            return output.values - made, 0.0
         order = np.argsort(plan.joints.qpos)
+        if output.name == "action":
+            left = output.values - made
+            if output.target is None:
+                return left, 0.0
+            target = plan.law.targets(log.limited(output.values), plan.pose)[:, order]
+            return np.concatenate([left, output.target - target], axis=1), 0.0
         target = plan.law.targets(log.limited(made), plan.pose)
         if output.name == "target":
             return output.values - target[:, order], 0.0
