@@ -25,9 +25,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from s2r_mujoco.arrays import FloatArray
 from s2r_mujoco.interface.log import Log, reached, stated_gains
@@ -349,31 +351,47 @@ class _Fit:
     price: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Motors:
-    """(n, J) positions, velocities and torques, and (J, 2) the stated gains."""
+    """(n, J) positions, velocities and torques, and (J, 2) the stated gains, NaN where none are."""
 
     position: FloatArray
     speed: FloatArray
     torque: FloatArray
     stated: FloatArray
 
+    @cached_property
+    def free(self) -> NDArray[np.bool_]:
+        """(n, J) whether a torque is below its limit; the target of the tick before the first is unknown."""
+        free = np.abs(self.torque) < SATURATED * np.abs(self.torque).max(axis=0, initial=0.0)
+        free[: DELAYS[-1]] = False
+        return free & (free.sum(axis=0) > 3)
+
+    @cached_property
+    def prior(self) -> tuple[FloatArray, FloatArray]:
+        """(J, 3) mean and precision of κ, δ and c; flat where no gains are stated."""
+        known = np.isfinite(self.stated).all(axis=1)
+        stated = np.where(known[:, None], self.stated, 0.0)
+        deviation = np.column_stack([GAINS * stated, OFFSET * stated[:, 0]]) + 1e-9
+        precision = np.where(known[:, None], deviation**-2, 1e-12)
+        return np.column_stack([stated, np.zeros(len(stated))]), precision
+
     def fit(self, target: FloatArray) -> _Fit:
         """Return what κ (T − q) − δ q̇ + c leaves of the torques below their limits, by (n, J) targets."""
-        joints = self.torque.shape[1]
-        left, kappa, price = np.full_like(self.torque, np.nan), np.zeros(joints), 0.0
-        error = target - self.position
-        for j in range(joints):
-            y, stated = self.torque[:, j], self.stated[j]
-            free = np.abs(y) < SATURATED * np.abs(y).max(initial=0.0)
-            free[: DELAYS[-1]] = False  # the target of the tick before the first is unknown
-            x = np.stack([error[:, j], -self.speed[:, j], np.ones(len(y))], axis=1)[free]
-            if len(x) <= x.shape[1]:
-                continue
-            gains, own = _ridge(x, y[free], stated)
-            left[free, j], kappa[j] = y[free] - x @ gains, gains[0]
-            price += own / joints
-        return _Fit(left, kappa, price)
+        free = self.free
+        x = np.stack([target - self.position, -self.speed, np.ones_like(target)], axis=2) * free[..., None]
+        y, count = self.torque * free, np.maximum(free.sum(axis=0), 1)
+        (mean, precision), gram = self.prior, np.einsum("njk,njl->jkl", x, x)
+        moment, gains = np.einsum("njk,nj->jk", x, y), self.prior[0]
+        for _ in range(ROUNDS):
+            variance = ((y - np.einsum("njk,jk->nj", x, gains)) ** 2).sum(axis=0)[:, None] / count[
+                :, None
+            ] + 1e-12
+            matrix = gram / variance[..., None] + precision[..., None] * np.eye(3)
+            gains = np.linalg.solve(matrix, (moment / variance + precision * mean)[..., None])[..., 0]
+        left = np.where(free, y - np.einsum("njk,jk->nj", x, gains), np.nan)
+        price = 0.5 * float((precision * (gains - mean) ** 2).sum()) / len(mean)
+        return _Fit(left, gains[:, 0], price)
 
     def nearest(self, one: FloatArray, other: FloatArray) -> FloatArray:
         """Return (n, J) the targets of one or the other, whichever leaves less of the torques at a tick."""
@@ -382,17 +400,3 @@ class _Motors:
         moved = np.where(np.isfinite(fit.left), fit.kappa * (other - one), 0.0)
         nearer = ((left - moved) ** 2).sum(axis=1) < (left**2).sum(axis=1)
         return np.where(nearer[:, None], other, one)
-
-
-def _ridge(x: FloatArray, y: FloatArray, stated: FloatArray) -> tuple[FloatArray, float]:
-    """Return κ, δ and c with a prior around (2,) stated gains, and −log of it; it is flat where none is stated."""
-    known = np.isfinite(stated).all()
-    mean = np.array([*stated, 0.0]) if known else np.zeros(3)
-    deviation = np.array([*np.maximum(GAINS * stated, 1e-9), OFFSET * stated[0] + 1e-9])
-    precision = deviation**-2 if known else np.zeros(3)
-    variance = float(np.mean((y - x @ mean) ** 2)) + 1e-12
-    for _ in range(ROUNDS):
-        matrix = x.T @ x / variance + np.diag(precision + 1e-12)
-        gains = np.linalg.solve(matrix, x.T @ y / variance + precision * mean)
-        variance = float(np.mean((y - x @ gains) ** 2)) + 1e-12
-    return np.asarray(gains), 0.5 * float(precision @ (gains - mean) ** 2)
