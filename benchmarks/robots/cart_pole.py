@@ -71,7 +71,7 @@ TRIED = {
     "one frequency": (
         "0.5 Hz: friction named; delay 0.19 to 0.24",
         "3 Hz, motor of 40 N: friction named; delay 0.54 and 0.70",
-        "4 Hz: friction named; delay 0.66",
+        "4 Hz: not both named; 0.66",
         "5 Hz: delay named; friction 0.85",
     ),
     "sweep": ("1 to 6 Hz: not both named; 0.81", "1 to 8 Hz: both named; kept"),
