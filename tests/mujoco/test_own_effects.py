@@ -1,5 +1,7 @@
 """The user's own catalogue: other ranges and kinds, effects by fields and by ``mujoco.sysid``, and its mistakes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -69,27 +71,29 @@ def test_a_test_of_the_same_field_adds_to_the_effect(tmp_path):
 def test_the_found_files_keep_the_catalogue(tmp_path):
     pytest.importorskip("tomlkit")
     backend = with_file(tmp_path, LEGS + f"supply_sag = true\nbattery.mass = {{ {MASS} }}\n")
-    values = {"battery": {"mass": 1.0}, "dry_friction": {"front": 0.2}, "supply_sag": {"drop": 0.5}}
+    values = {
+        "battery": {"mass": 1.0}, "dry_friction": {"front": 0.2}, "motor_strength": {"joint": 0.8},
+        "supply_sag": {"per_watt": 0.01},
+    }  # fmt: skip
     backend.write_found(values, tmp_path / "found")
     other = load_backend(str(tmp_path / "found" / "as_found.toml"))
-    assert other.chosen() == {"supply_sag": {"drop": 0.5}}
+    assert {"battery", "dry_friction"} & {*other.chosen()} == set()  # they are in the model
+    assert other.chosen()["supply_sag"] == {"per_watt": 0.01}
     assert np.allclose(other.rollout({}, 1)["q"], backend.with_effects(values).rollout({}, 1)["q"], atol=1e-9)
 
 
 def test_the_supply_sags_with_the_power_of_all_motors_where_the_file_says_so(tmp_path):
-    assert "supply_sag.drop" not in parameters(robot(tmp_path, TOML, WIDTH))
-    backend = with_file(tmp_path, "supply_sag = true\n")
-    assert same(backend.with_effects({"supply_sag": {"drop": 0.0}}).rollout({}, 1), backend.rollout({}, 1))
-    weak = backend.with_effects({"supply_sag": {"drop": 1.0}})
+    assert "supply_sag.per_watt" not in parameters(robot(tmp_path, TOML, WIDTH))
+    backend = with_file(tmp_path, "supply_sag.per_watt = { range = [0, 1] }\n")
+    none, per_watt = backend.with_effects({"supply_sag": {"per_watt": 0.0}}), 0.1
+    assert same(none.rollout({}, 1), backend.rollout({}, 1))
+    weak = replace(backend, loop_keys="decimation = 1").with_effects({"supply_sag": {"per_watt": per_watt}})
     trace = weak.rollout({}, 1)
     assert same(trace, weak.rollout({}, 1))  # a rollout leaves nothing behind
+    power = np.maximum(trace["tau"] * trace["dq"], 0.0).sum(axis=1)  # of each physics step
     left = trace["tau"] / (3.0 * (trace["target"] - trace["q"]) - 0.08 * trace["dq"])
-    assert np.allclose(left, left[:, :1])  # all motors are weaker together
-    assert np.allclose(left[0], 1.0)
-    assert left.max() < 1.0 + 1e-9
-    half = backend.with_effects({"supply_sag": {"drop": 0.5}}).rollout({}, 1)
-    lost = 1.0 - half["tau"][0:1] / (3.0 * (half["target"][0:1] - half["q"][0:1]) - 0.08 * half["dq"][0:1])
-    assert np.allclose(lost, 0.0)
+    assert np.allclose(left[1:], 1.0 - per_watt * power[:-1, None])
+    assert left.min() < 0.9
 
 
 SYSID = """\
