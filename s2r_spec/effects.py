@@ -15,5 +15,6 @@ from s2r_spec.backend.effects import read_word as read_word
 from s2r_spec.backend.effects import scales as scales
 from s2r_spec.backend.effects import sets as sets
 from s2r_spec.backend.effects import settings as settings
+from s2r_spec.backend.effects import with_prior_scale as with_prior_scale
 from s2r_spec.backend.effects import words as words
 from s2r_spec.backend.options import read_options as read_options

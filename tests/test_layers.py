@@ -40,6 +40,7 @@ ROBOT_LAYERS = [
     {"found", "held", "interface", "new", "pictures", "preflight"},
     {"running"},
     {"robot"},
+    {"own_effects"},
     {"parameters"},
     {"channels", "failure"},
     {"rollout"},

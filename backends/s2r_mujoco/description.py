@@ -11,7 +11,7 @@ import re
 import tomllib
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -68,11 +68,13 @@ _TABLES = {"sensor": '{ sensor = "NAME" }', "phase": '{ phase = 1.5, unit = "Hz"
 """Definition: term that needs a table → an example."""
 
 
-class _Table(BaseModel):
+class Table(BaseModel):
+    """A table of a file in TOML: unknown keys and numbers that are not finite are refused."""
+
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, populate_by_name=True)
 
 
-class TermTable(_Table):
+class TermTable(Table):
     """A term of the observation with further keys; it has one of ``term``, ``sensor`` and ``phase``."""
 
     term: str = ""
@@ -117,7 +119,7 @@ class TermTable(_Table):
         return Term(name, frequency=frequency, start=self.start, parts=self.parts, source=source, **shared)
 
 
-class ActionTable(_Table):
+class ActionTable(Table):
     """How an action becomes a target of the joints, and a target a torque."""
 
     scale: PerJoint = ()
@@ -138,7 +140,7 @@ class ActionTable(_Table):
         return values
 
 
-class CommandTable(_Table):
+class CommandTable(Table):
     """A component of the command: a number, or a parameter of the specification with its range."""
 
     parameter: str = ""
@@ -146,7 +148,7 @@ class CommandTable(_Table):
     range: Range | None = None
 
 
-class ParameterTable(_Table):
+class ParameterTable(Table):
     """A test parameter: a field of the model, or a push."""
 
     field: str = ""
@@ -183,7 +185,7 @@ class ParameterTable(_Table):
         return FieldChange(self.field, self.how)
 
 
-class NoiseTable(_Table):
+class NoiseTable(Table):
     """Standard deviations of the start: joints in rad or m and per s, base in m, rad, m/s and rad/s."""
 
     joint_pos: float = Field(default=0.0, ge=0)
@@ -192,7 +194,7 @@ class NoiseTable(_Table):
     base_ang_vel: float = Field(default=0.0, ge=0)
 
 
-class StartTable(_Table):
+class StartTable(Table):
     """The state at t = 0."""
 
     joint_pos: Literal["default", "keyframe", "model"] | dict[str, float] | None = None
@@ -200,7 +202,7 @@ class StartTable(_Table):
     noise: NoiseTable = NoiseTable()
 
 
-class RobotFile(_Table):
+class RobotFile(Table):
     """The content of a robot file."""
 
     model: str = ""
@@ -213,6 +215,7 @@ class RobotFile(_Table):
     timestep: float | None = Field(default=None, ge=1e-6, le=1.0)
     decimation: int | None = Field(default=None, ge=1, le=100_000)
     duration: float = Field(default=5.0, gt=0, le=86_400.0)
+    catalogue: str = ""
     observation: tuple[str | TermTable, ...] = ()
     observation_clip: Limits | None = None
     default_joint_pos: PerJoint = ()
@@ -322,24 +325,43 @@ def read_description(path: Path, loop: str = "") -> Description:
     Raises:
         UsageError: the file is missing, is not TOML, or has a wrong key or value; the message names it.
     """
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise UsageError(f"cannot read the robot file {path}: {error.strerror or error}") from None
-    except RecursionError:
-        raise UsageError(f"{path} is not a robot file: its values are nested too deep") from None
-    except ValueError as error:  # TOMLDecodeError and UnicodeDecodeError
-        raise UsageError(f"{path} is not TOML: {error}") from None
+    table = read_toml(path, "robot file")
     if loop:
         other = tomllib.loads(loop)
         table |= other | {"action": table.get("action", {}) | other.get("action", {})}
+    return Description(path, checked(RobotFile, table, path))
+
+
+def read_toml(path: Path, what: str) -> dict[str, Any]:
+    """Return the content of a file in TOML; a UsageError with ``what`` it should be, if it is none."""
     try:
-        return Description(path, RobotFile.model_validate(table))
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UsageError(f"cannot read the {what} {path}: {error.strerror or error}") from None
+    except RecursionError:
+        raise UsageError(f"{path} is no {what}: its values are nested too deep") from None
+    except ValueError as error:  # TOMLDecodeError and UnicodeDecodeError
+        raise UsageError(f"{path} is not TOML: {error}") from None
+
+
+_Content = TypeVar("_Content", bound=Table)
+
+
+def checked(
+    kind: type[_Content], table: dict[str, Any], path: Path, innermost: type[Table] | None = None
+) -> _Content:
+    """Return the content of a file as a record; ``innermost`` has the keys of tables below free names.
+
+    Raises:
+        UsageError: a key or a value is wrong; the message names it.
+    """
+    try:
+        return kind.model_validate(table)
     except ValidationError as error:
-        raise UsageError(f"{path}: {_sentence(error, table)}") from None
+        raise UsageError(f"{path}: {_sentence(error, table, innermost or kind)}") from None
 
 
-def _sentence(error: ValidationError, table: dict[str, Any]) -> str:
+def _sentence(error: ValidationError, table: dict[str, Any], kind: type[Table]) -> str:
     """Return the first mistake as a sentence with its key."""
     # A value of several possible types has a mistake for each; the deepest one is of the type that was meant.
     mistakes = [(_place(one["loc"], table), one) for one in error.errors()]
@@ -348,7 +370,7 @@ def _sentence(error: ValidationError, table: dict[str, Any]) -> str:
         "."
     )
     if first["type"] == "extra_forbidden":
-        known = sorted(_keys(RobotFile, place[:-1]))
+        known = sorted(_keys(kind, place[:-1] if kind is RobotFile else []))
         return f"there is no key {key}{suggest(str(place[-1]), known)} possible keys are {one_of(known)}"
     words = first["msg"].removeprefix("Value error, ")
     for of_pydantic, ours in _WORDS.items():

@@ -7,7 +7,7 @@ begin with ``*`` and then stands for all elements that fit.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import cached_property
@@ -37,6 +37,8 @@ _KINDS = {
 
 _ALL = 2**31 - 1
 """Definition: bits of all groups of collisions."""
+ROUNDING = 1e-9
+"""Tolerance: relative difference of numbers that MuJoCo's compiler computes in another order."""
 
 
 @dataclass(frozen=True)
@@ -77,8 +79,15 @@ class ModelFile:
         """The file itself, and every file that it includes or loads; a missing one is left out."""
         return model_files(self.path)
 
-    def compile(self, changes: Mapping[FieldChange, float] | None = None, pictures: bool = False) -> Any:
+    def compile(
+        self,
+        changes: Mapping[FieldChange, float] | None = None,
+        pictures: bool = False,
+        edit: Callable[[Any], None] | None = None,
+    ) -> Any:
         """Return a compiled model with some fields changed; with what only ``pictures`` need, or without.
+
+        ``edit`` changes the description after that.
 
         Raises:
             UsageError: a file is missing or broken, a field does not exist, or MuJoCo refuses a value.
@@ -88,7 +97,9 @@ class ModelFile:
         ranging = any(int(one.type) == int(mujoco.mjtSensor.mjSENS_RANGEFINDER) for one in spec.sensors)
         spec.compiler.discardvisual = not (pictures or ranging)
         for change, value in (changes or {}).items():
-            self._change(spec, change, value)
+            self.change(spec, change, value)
+        if edit is not None:
+            edit(spec)
         try:
             return spec.compile()
         except ValueError as error:
@@ -125,7 +136,7 @@ class ModelFile:
         if self.held:
             hold_bases(spec)
         for change, value in self.fields:
-            self._change(spec, change, value)
+            self.change(spec, change, value)
         # A rollout ends at a warning; MuJoCo would begin it again at the start pose.
         spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         return spec
@@ -149,7 +160,8 @@ class ModelFile:
         value = getattr(holder, attribute)
         return float(value if index is None else value[index])
 
-    def _change(self, spec: Any, change: FieldChange, value: float) -> None:
+    def change(self, spec: Any, change: FieldChange, value: float) -> None:
+        """Change a field of a parsed description."""
         for holder, attribute, index in self._holders(spec, change.field):
             before = getattr(holder, attribute)
             old = before if index is None else before[index]
@@ -204,6 +216,27 @@ class ModelFile:
                 f"such as {'/'.join(field.split('/')[:3])}/0"
             )
         return int(index)
+
+
+def differences(one: Any, other: Any) -> list[str]:
+    """Return the names of the arrays of two compiled models that differ by more than rounding."""
+    if (one.nq, one.nv, one.nu, one.nbody, one.ngeom) != (
+        other.nq,
+        other.nv,
+        other.nu,
+        other.nbody,
+        other.ngeom,
+    ):
+        return ["sizes"]
+    found = [] if np.allclose(one.opt.gravity, other.opt.gravity) else ["gravity"]
+    for name in dir(one):
+        mine = getattr(one, name, None) if not name.startswith("_") else None
+        if isinstance(mine, np.ndarray) and mine.dtype == np.float64:
+            scale = ROUNDING * np.abs(mine).max(initial=0.0)
+            same = mine.shape == getattr(other, name).shape
+            if not same or not np.allclose(mine, getattr(other, name), ROUNDING, scale, equal_nan=True):
+                found.append(name)
+    return found
 
 
 def _numeric(value: object) -> bool:

@@ -62,7 +62,7 @@ def parameters_of(
     for name, table in tables.items():
         place = f"{source}: parameters.{name}"
         found[name] = (
-            _push(name, table, model, place) if table.push else _field(name, table, file, model, place)
+            _push(name, table, model, place) if table.push else of_field(name, table, file, model, place)
         )
     return found
 
@@ -75,7 +75,12 @@ def _push(name: str, table: ParameterTable, model: Any, place: str) -> TestParam
     return _declared(name, unit, table.range, 0.0, words)
 
 
-def _field(name: str, table: ParameterTable, file: ModelFile, model: Any, place: str) -> TestParameter:
+def of_field(name: str, table: ParameterTable, file: ModelFile, model: Any, place: str) -> TestParameter:
+    """Return the parameter of a field; ``place`` is that of its table, for messages.
+
+    Raises:
+        UsageError: the model has no such field, or its unit or its value does not fit the table.
+    """
     if table.field == "option/timestep":
         raise UsageError(
             f"{place}: a test cannot change the time step, since the control period would change with it; write "

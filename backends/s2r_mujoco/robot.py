@@ -19,10 +19,12 @@ from s2r_mujoco.deploy import of_metadata, read_deployment
 from s2r_mujoco.deploy.record import Deployment
 from s2r_mujoco.description import read_description
 from s2r_mujoco.effects.catalogue import catalogue
-from s2r_mujoco.effects.physics import VARIANTS, Physics
+from s2r_mujoco.effects.kinds import kinds_of
+from s2r_mujoco.effects.physics import VARIANTS, Edit, Physics
 from s2r_mujoco.failure import Failures
 from s2r_mujoco.model import FieldChange, ModelFile
 from s2r_mujoco.observation import Memory, Observer, Part, Parts
+from s2r_mujoco.own_effects import OwnEffects
 from s2r_mujoco.parameters import parameters_of
 from s2r_mujoco.plan import Plan, make_plan
 from s2r_mujoco.rollout import Record
@@ -48,6 +50,7 @@ class Robot:
         self.name = path.name
         stated = self._stated(self.description.table.deploy)
         self.description = self.description.completed(stated)
+        self.own_effects = self._own_effects(strict=not held)
         self.held = held or not self.description.table.policy
         if self.held:
             self.description = self.description.held()
@@ -100,6 +103,11 @@ class Robot:
         metadata = {} if self.policy is None else self.policy.metadata
         return of_metadata(metadata, self.description.table.policy) or Deployment(self.name)
 
+    def _own_effects(self, strict: bool) -> OwnEffects:
+        """Return what the user's file says of the catalogue; nothing without one."""
+        name = self.description.table.catalogue
+        return OwnEffects.read(self.description.beside(name), strict) if name else OwnEffects()
+
     def _model_file(self) -> ModelFile:
         table = self.description.table
         if not table.model:
@@ -118,7 +126,7 @@ class Robot:
     def code_names(self) -> tuple[str, ...]:
         """Names of the user's own code in the file: the terms, then the controller."""
         names = [term.name for term in self.plan.terms if ".py:" in term.name]
-        return (*names, *([self.description.table.policy] if self.acts else []))
+        return (*names, *([self.description.table.policy] if self.acts else []), *self.own_effects.code_names)
 
     @cached_property
     def code_files(self) -> tuple[Path, ...]:
@@ -130,7 +138,15 @@ class Robot:
     def files(self) -> tuple[Path, ...]:
         """Every file that decides a trace: robot file, model, deploy files, policy, the user's code."""
         policy = () if self.policy is None else self.policy.files
-        return (self.description.path, *self.deployment.files, *self.file.files, *policy, *self.code_files)
+        own = self.own_effects.files
+        return (
+            self.description.path,
+            *own,
+            *self.deployment.files,
+            *self.file.files,
+            *policy,
+            *self.code_files,
+        )
 
     def digest(self, extra: str) -> str:
         """Return the hash over all files, versions and this package's source."""
@@ -150,7 +166,8 @@ class Robot:
         sources = [
             path for path in sorted(here.rglob("*.py")) if not _ONLOOKERS & {path.name, path.parent.name}
         ]
-        for path in (self.description.path, *self.deployment.files, *self.file.files, *sources):
+        own = self.own_effects.files
+        for path in (self.description.path, *own, *self.deployment.files, *self.file.files, *sources):
             total.update(path.read_bytes())
         return total
 
@@ -249,11 +266,18 @@ class Robot:
             if one.field and values[name] != self.parameters[name].declared.default
         }
 
-    @cached_property
+    @property
     def catalogue(self) -> tuple[ModelEffect, ...]:
-        """The effects that the simulator leaves out, by the fields of the model."""
+        """The effects that the simulator leaves out: by the fields of the model, and by the user's file."""
+        return self._catalogue[0]
+
+    @cached_property
+    def _catalogue(self) -> tuple[tuple[ModelEffect, ...], tuple[Edit, ...]]:
+        """The catalogue, and how its effects of the user's own change the model's description."""
         pose = start_pose(self.model, self.plan, self.description.table.start, self.name)
-        return catalogue(self.model, self.plan, pose, acts=self.acts, held=self.held)
+        kinds = kinds_of(self.model, self.own_effects.kinds_of(self.model))
+        effects = catalogue(self.model, self.plan, pose, kinds, acts=self.acts, held=self.held)
+        return self.own_effects.changed(effects, self.file, self.model)
 
     @cached_property
     def stated(self) -> Choice:
@@ -267,7 +291,10 @@ class Robot:
     def physics(self, added: Choice, variant: str = "") -> Physics:
         """Return what effects change, in the simulator of a variant."""
         changes: Mapping[str, Any] = VARIANTS[variant] if variant else {}
-        return add_effects(replace(Physics.of(self.model), **changes), self.catalogue, added)
+        effects, edits = self._catalogue
+        amounts = np.concatenate([np.zeros(0), *(one.nominal for one in edits)])
+        plain = replace(Physics.of(self.model), amounts=amounts, edits=edits, **changes)
+        return add_effects(plain, effects, added)
 
     @property
     def reach(self) -> float:

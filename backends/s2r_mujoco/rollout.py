@@ -95,6 +95,7 @@ class Simulator:
         self.memory = Memory(np.zeros(3), np.zeros(len(plan.law.moved)))
         mujoco.mj_forward(model, self.data)
         self.rub = None if physics is None else physics.rubbing(model)
+        self.weaken = None if physics is None else physics.sagging(model)
         parts = Parts(plan, model, self.data, self.memory).of(plan.terms, users)
         self.loop = None if physics is None else Loop(physics, model, plan, parts)
         self.observer = Observer(parts, plan, None if self.loop is None else self.loop.observed)
@@ -113,6 +114,8 @@ class Simulator:
         An actuator that the policy leaves alone keeps the keyframe's control, or the start pose.
         """
         mujoco.mj_resetData(self.model, self.data)
+        if self.weaken is not None:  # at rest the supply is full
+            self.weaken(self.data)
         if key >= 0:
             self.data.ctrl[:] = self.model.key_ctrl[key]
             self.data.act[:] = self.model.key_act[key]
@@ -241,6 +244,8 @@ class Simulator:
         if self.rub is not None:
             self.rub(data.qpos)
         write(target)
+        if self.weaken is not None:
+            self.weaken(data)
         mujoco.mj_step(model, data)
         record.torque[tick] = data.qfrc_actuator
         rest = 0 if last else plan.decimation - 1
@@ -249,6 +254,8 @@ class Simulator:
             return
         for step in range(1, rest + 1):
             write(target if loop is None else loop.arrived(step))
+            if self.weaken is not None:
+                self.weaken(data)
             mujoco.mj_step(model, data)
 
     def _not_finite(self, record: Record, tick: int, observation: Observation | None) -> Record:

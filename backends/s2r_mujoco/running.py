@@ -69,7 +69,9 @@ class Running:
             if term.name in self.code
         }
         physics = self.robot.physics(added, variant) if added or variant else None
-        simulator = Simulator(self.robot.file.compile(dict(changes)), self.robot.plan, users, physics)
+        edit = None if physics is None else physics.edit
+        model = self.robot.file.compile(dict(changes), edit=edit)
+        simulator = Simulator(model, self.robot.plan, users, physics)
         self.robot.refuse_width(simulator.observer.parts)
         self._try(simulator)
         return simulator

@@ -2,6 +2,10 @@
 
 Run: OMP_NUM_THREADS=1 python -m benchmarks.robots.cart_pole [--folder FOLDER] [--write]
 
+The set-up was chosen: about twelve were tried (``TRIED``), and this is the first that named both causes, on the machine
+of seed 7. So that machine's answer proves little. The figures are those of ``SEEDS``, written down before any of them
+ran; the result file has the answer of every one.
+
 The machine is a **twin** of code of its own: it shares no line with the simulator, which is MuJoCo with ``MODEL``.
 
 | | simulator | machine |
@@ -58,8 +62,21 @@ RUNS, HELD_OUT, REPEATS = 40, 24, 10
 COMMANDS = 0.2, 0.6
 """Definition: range of the command, the largest speed of the target [m/s]."""
 
-OFF = np.random.default_rng(7).normal(size=3)
-"""Definition: by how many percent mass, pole and motor of the machine differ from the file."""
+CHOSEN_ON = 7
+"""Definition: seed of the machine on which the set-up was chosen; its bags have seed 0, and its other tests seed 1."""
+SEEDS = 6501, 6502, 6503, 6504, 6505
+"""Definition: seeds of the machines that are judged; each draws the percents, the commands and the noise anew."""
+TRIED = {
+    "constant speed": ("nothing named: none of these twice, confounded once",),
+    "one frequency": (
+        "0.5 Hz: friction named; delay 0.19 to 0.24",
+        "3 Hz, motor of 40 N: friction named; delay 0.54 and 0.70",
+        "4 Hz: not both named; 0.66",
+        "5 Hz: delay named; friction 0.85",
+    ),
+    "sweep": ("1 to 6 Hz: not both named; 0.81", "1 to 8 Hz: both named; kept"),
+}
+"""Definition: target of the cart in the set-ups tried, and what each gave; numbers are probabilities of a cause."""
 
 MODEL = """\
 <mujoco model="cart-pole">
@@ -118,10 +135,15 @@ Rows = NDArray[np.float64]
 """(ticks, 5): position of slide and hinge, their speeds, and the force of the controller."""
 
 
-def drive(vd: float, rng: np.random.Generator) -> Rows:
+def machine(seed: int) -> Rows:
+    """Return (3,) by how many percent mass, pole and motor of a machine differ from the file."""
+    return np.random.default_rng(seed).normal(size=3)
+
+
+def drive(vd: float, rng: np.random.Generator, off: Rows) -> Rows:
     """Return what one run of the machine logs, at a command of the cart's speed [m/s]."""
-    mass, pole, length = 1.0 * (1.0 + 0.01 * OFF[0]), 0.1 * (1.0 + 0.01 * OFF[1]), 0.3
-    motor, drag = 1.0 + 0.01 * OFF[2], 0.1
+    mass, pole, length = 1.0 * (1.0 + 0.01 * off[0]), 0.1 * (1.0 + 0.01 * off[1]), 0.3
+    motor, drag = 1.0 + 0.01 * off[2], 0.1
     inertia = pole * 0.63**2 / 12.0 + pole * length**2
     x, v, angle, rate = (deviation * rng.normal() for deviation in START.values())
     queue: list[tuple[float, float]] = []
@@ -191,7 +213,7 @@ def tests(count: int, rng: np.random.Generator) -> list[float]:
     return [round(float(one), 4) for one in rng.permutation(low + (high - low) * parts)]
 
 
-def write_files(folder: Path, seed: int = 0) -> None:
+def write_files(folder: Path, off: Rows, seed: Any) -> None:
     """Write the robot's files, and the folder ``bags`` with a bag of each run."""
     for name, text in (
         ("cart_pole.xml", MODEL),
@@ -204,9 +226,8 @@ def write_files(folder: Path, seed: int = 0) -> None:
     (folder / "bags").mkdir()
     commands = tests(RUNS * 3 // 4, rng)
     for number, vd in enumerate(commands + commands[: RUNS - len(commands)]):  # some tests twice
-        record(
-            folder / "bags" / f"run{number:02d}", vd, drive(vd, rng), 1_790_000_000 * 10**9 + number * 10**10
-        )
+        began = 1_790_000_000 * 10**9 + number * 10**10
+        record(folder / "bags" / f"run{number:02d}", vd, drive(vd, rng, off), began)
 
 
 def diagnosed(folder: Path) -> dict[str, Any]:
@@ -226,7 +247,7 @@ def diagnosed(folder: Path) -> dict[str, Any]:
     return found
 
 
-def closed(folder: Path, written: str, seed: int = 1) -> dict[str, Any]:
+def closed(folder: Path, written: str, off: Rows, seed: Any) -> dict[str, Any]:
     """Return by how much the written files come nearer to runs that the diagnosis has not seen."""
     spec, rng = load_spec(folder / "up.stl"), np.random.default_rng(seed)
     files = {"before": "robot.toml", "after": f"{written}/as_found.toml"}
@@ -234,8 +255,8 @@ def closed(folder: Path, written: str, seed: int = 1) -> dict[str, Any]:
     rest: dict[str, list[Rows]] = {name: [] for name in files}
     scatter: list[float] = []
     for vd in tests(HELD_OUT, rng):
-        machine = [drive(vd, rng) for _ in range(2)]
-        real = [_rho(spec, vd, rows) for rows in machine]
+        twice = [drive(vd, rng, off) for _ in range(2)]
+        real = [_rho(spec, vd, rows) for rows in twice]
         scatter.append((real[0] - real[1]) ** 2 / 2.0)
         for name, file in files.items():
             robot = load_backend(str(folder / file))
@@ -243,7 +264,7 @@ def closed(folder: Path, written: str, seed: int = 1) -> dict[str, Any]:
             rows = np.array([[np.ravel(trace[key]) for key in CHANNELS] for trace in traces]).mean(axis=0).T
             mean = float(np.mean([spec.robustness(trace, {"vd": vd})["calm"] for trace in traces]))
             gaps[name] += [abs(one - mean) for one in real]
-            rest[name].append(np.mean(machine, axis=0)[:, ORDER] - rows)
+            rest[name].append(np.mean(twice, axis=0)[:, ORDER] - rows)
     floor = float(np.sqrt(2.0 / np.pi * np.mean(scatter) * (1.0 + 1.0 / REPEATS)))
     before, after = (float(np.mean(one)) for one in gaps.values())
     rms = {name: np.sqrt(np.mean(np.square(one), axis=(0, 1))) for name, one in rest.items()}
@@ -260,30 +281,49 @@ def _rho(spec: Spec, vd: float, rows: Rows) -> float:
     return float(spec.robustness(trace, {"vd": vd})["calm"])
 
 
+def judged(folder: Path, seed: int) -> dict[str, Any]:
+    """Record the machine of a seed, diagnose it from its bags, and measure what the written files close."""
+    off = machine(seed)
+    bags, tests = (0, 1) if seed == CHOSEN_ON else ([seed, 1], [seed, 2])
+    write_files(folder, off, bags)
+    answer = diagnosed(folder)
+    found = {
+        "seed": seed, "verdict": answer["verdict"], "named": answer["which"]["answer"], "sizes": answer["patch"],
+        "probabilities": answer["which"]["membership"],
+    }  # fmt: skip
+    if answer["patch"]:
+        load_backend(str(folder / "robot.toml")).write_found(answer["patch"], folder / "named")
+        found |= {
+            "named alone": closed(folder, "named", off, tests),
+            "tuned": closed(folder, "found", off, tests),
+        }
+    return found
+
+
 def main() -> None:
-    """Record the machine, diagnose it from its bags, and measure what the written files close."""
+    """Judge the machine that the set-up was chosen on, and those of all seeds."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--folder", type=Path, help="new folder for all files; else they are temporary")
     parser.add_argument("--write", action="store_true", help=f"keep the result in {RESULT.name}")
     given = parser.parse_args()
+    kept: dict[str, Any] = {
+        "truth": {"dry_friction.slider": FRICTION, "action_delay.time": DELAY},
+        "set-ups tried before": TRIED, "seeds": SEEDS, "chosen on": None, "fresh": [],
+    }  # fmt: skip
     with TemporaryDirectory() as temporary:
-        folder = given.folder or Path(temporary)
-        folder.mkdir(exist_ok=True)
-        write_files(folder)
-        answer = diagnosed(folder)
-        found = {
-            "verdict": answer["verdict"], "named": answer["which"]["answer"], "sizes": answer["patch"],
-            "truth": {"dry_friction.slider": FRICTION, "action_delay.time": DELAY},
-            "probabilities": answer["which"]["membership"],
-        }  # fmt: skip
-        if answer["patch"]:
-            load_backend(str(folder / "robot.toml")).write_found(answer["patch"], folder / "named")
-            found |= {"named alone": closed(folder, "named"), "tuned": closed(folder, "found")}
-    print(json.dumps(found, indent=1))
-    if given.write:
-        RESULT.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+        for seed in (*SEEDS, CHOSEN_ON):
+            folder = (given.folder or Path(temporary)) / str(seed)
+            folder.mkdir(parents=True)
+            found = judged(folder, seed)
+            print(json.dumps(found), flush=True)
+            if seed == CHOSEN_ON:
+                kept["chosen on"] = found
+            else:
+                kept["fresh"].append(found)
+            if given.write:  # also of a run that ends early
+                RESULT.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -218,6 +218,16 @@ def _check(backend: str, effect: Effect, chosen: Mapping[str, float]) -> Effect:
     return replace(effect, parameters=parameters)
 
 
+def with_prior_scale(parameter: EffectParameter, scale: float) -> EffectParameter:
+    """Return the parameter with another scale in the prior's text; normal around nominal, where it had none."""
+    match = _SCALE.search(parameter.prior)
+    if match is None:
+        text = f"normal around {parameter.nominal:g}, standard deviation {scale:g} {parameter.unit}".strip()
+    else:
+        text = f"{parameter.prior[: match.start('scale')]}{scale:g}{parameter.prior[match.end('scale') :]}"
+    return replace(parameter, prior=text)
+
+
 def prior_scale(parameter: EffectParameter) -> float:
     """Return the scale in the prior's text, in the parameter's unit; 0 if there is none."""
     match = _SCALE.search(parameter.prior)

@@ -267,8 +267,20 @@ def test_the_page_has_the_figures_of_the_cart_pole():
     root = Path(__file__).parents[2]
     kept = json.loads((root / "benchmarks" / "results" / "cart_pole.json").read_text())
     page = (root / "docs" / "how-to" / "policies.md").read_text()
-    assert kept["named"] == ["dry_friction", "action_delay"]
-    friction, delay = kept["sizes"]["dry_friction"]["slider"], 1e3 * kept["sizes"]["action_delay"]["time"]
-    assert f"{friction:.1f} N and {delay:.1f} ms" in page
-    assert f"close {100 * kept['named alone']['closed']:.0f} % of the gap" in page
-    assert f"{100 * kept['tuned']['closed']:.0f} % with" in page
+    page = " ".join(page.split())
+    fresh = kept["fresh"]
+    assert [one["seed"] for one in fresh] == kept["seeds"]  # none is left out
+    both = sum(one["named"] == ["dry_friction", "action_delay"] for one in fresh)
+    assert f"names both on {both} of {len(fresh)} machines" in page
+
+    def span(values, digits=0):
+        return f"{min(values):.{digits}f} to {max(values):.{digits}f}"
+
+    friction = [one["sizes"]["dry_friction"]["slider"] for one in fresh]
+    delay = [1e3 * one["sizes"]["action_delay"]["time"] for one in fresh]
+    assert f"{span(friction, 1)} N and {span(delay, 1)} ms" in page
+    for key, words in (("named alone", "close {} % of the gap"), ("tuned", "those of `--tuned` {} %")):
+        assert words.format(span([100 * one[key]["closed"] for one in fresh])) in page
+    for answers in kept["set-ups tried before"].values():
+        for answer in answers:
+            assert all(number in page for number in re.findall(r"\d\.\d+", answer))

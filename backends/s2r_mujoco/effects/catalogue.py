@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from s2r_mujoco.arrays import FloatArray, IntArray
-from s2r_mujoco.effects.kinds import Kind, kinds_of, scales_of
+from s2r_mujoco.effects.kinds import Kind, scales_of
 from s2r_mujoco.effects.physics import root_body
 from s2r_mujoco.plan import Plan
 from s2r_spec.backend import EffectParameter
@@ -32,8 +32,13 @@ common one; definition: end of the range of the spread. Judgements, as those of 
 ROTOR = 2000.0
 """Prior: acceleration that its largest torque gives to a rotor, seen behind the gear, for a model without rotors
 [rad/s²]; joints of published models of A1, G1, UR5e and Panda have 900 to 9000."""
+SAG = 0.2
+"""Prior: part of their torque that motors lose while all give theirs at a turn or a metre a second; that of 2.3 kW of
+motors at a battery of 22 V with 50 mΩ."""
 LARGEST = 5.0
 """Definition: end of a range, in typical sizes."""
+RARE = ("supply_sag",)
+"""Prior: effects that are in a catalogue only if the user's file names them; a judgement without a source."""
 
 
 @dataclass(frozen=True)
@@ -47,20 +52,22 @@ class _Joints:
     typical: FloatArray
 
 
-def catalogue(model: Any, plan: Plan, pose: FloatArray, acts: bool, held: bool) -> tuple[ModelEffect, ...]:
-    """Return the catalogue of a compiled model.
+def catalogue(
+    model: Any, plan: Plan, pose: FloatArray, kinds: Sequence[Kind], acts: bool, held: bool
+) -> tuple[ModelEffect, ...]:
+    """Return the catalogue of a compiled model, with the effects of :data:`RARE`.
 
     Args:
         model: the compiled model.
         plan: the plan of its rollouts.
         pose: (nq,) start pose.
+        kinds: kinds of its joints.
         acts: whether a Python function controls it.
         held: whether it has no controller, and its base is fixed: then each joint shows its own friction.
     """
-    kinds = kinds_of(model)
     driven = [kind for kind in kinds if kind.actuators.size]
     found = [*_of_joints(model, plan, pose, kinds, held), *_of_motors(model, plan, driven)]
-    found += [] if held else _of_body(model, plan)
+    found += [] if held else [*_of_supply(model, plan, pose, driven), *_of_body(model, plan)]
     found += _of_messages(plan.step, sees=not (acts or held))
     if not acts:
         found += _of_sensing(kinds, plan)
@@ -176,6 +183,22 @@ def _has_gains(model: Any, plan: Plan, actuators: IntArray) -> Any:
         return (model.actuator_biasprm[actuators, 1] < 0.0) & (model.actuator_biasprm[actuators, 2] < 0.0)
     both = (plan.law.stiffness > 0.0) & (plan.law.damping > 0.0)
     return np.isin(actuators, plan.joints.actuators[both])
+
+
+def _of_supply(model: Any, plan: Plan, pose: FloatArray, kinds: Sequence[Kind]) -> Iterator[ModelEffect]:
+    torque = scales_of(model, plan, pose)[1]
+    speeds = [
+        (kind.joints[np.isin(kind.joints, model.actuator_trnid[kind.actuators, 0])], kind) for kind in kinds
+    ]
+    rated = sum(
+        torque[model.jnt_dofadr[own]].sum() * (1.0 if kind.slides else 2.0 * np.pi) for own, kind in speeds
+    )
+    if rated:
+        size = float(f"{SAG / rated:.2g}")
+        yield ModelEffect.of(
+            "supply_sag", "actuation", "Motors lose this part of their torque for each watt that all of them give.",
+            ("per_watt", "1/W", 0.0, LARGEST * size, 0.0, f"half-normal, {size / 2.0:.3g} 1/W", adds("sag")),
+        )  # fmt: skip
 
 
 def _of_body(model: Any, plan: Plan) -> Iterator[ModelEffect]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -63,12 +63,16 @@ def _words(name: str) -> list[str]:
     return re.sub(r"([a-z0-9])([A-Z])", r"\1_\2", name).replace("-", "_").replace(".", "_").lower().split("_")
 
 
-def kinds_of(model: Any) -> list[Kind]:
-    """Return the kinds of joints, in the model's order; one for all hinges where there are too many."""
+def kinds_of(model: Any, own: Mapping[str, Sequence[int]] | None = None) -> list[Kind]:
+    """Return the kinds of joints, in the model's order; one for all hinges where there are too many.
+
+    ``own`` has joints of kinds that the user made, by name; they come first.
+    """
+    given = [_kind(model, name, joints, _slides(model, joints[0])) for name, joints in (own or {}).items()]
+    taken = {joint for kind in given for joint in kind.joints.tolist()}
     groups: dict[tuple[str, bool], list[int]] = {}
-    for joint in scalar_joints(model):
-        slides = int(model.jnt_type[joint]) == int(mujoco.mjtJoint.mjJNT_SLIDE)
-        groups.setdefault((kind_name(name_of(model, joint)), slides), []).append(joint)
+    for joint in (one for one in scalar_joints(model) if one not in taken):
+        groups.setdefault((kind_name(name_of(model, joint)), _slides(model, joint)), []).append(joint)
     if len(groups) > KINDS:
         every = {
             slides: [j for (_, s), own in groups.items() if s == slides for j in own]
@@ -77,7 +81,11 @@ def kinds_of(model: Any) -> list[Kind]:
         groups = {
             ("slides" if slides else "hinges", slides): sorted(own) for slides, own in every.items() if own
         }
-    return [_kind(model, name, joints, slides) for (name, slides), joints in groups.items()]
+    return [*given, *(_kind(model, name, joints, slides) for (name, slides), joints in groups.items())]
+
+
+def _slides(model: Any, joint: int) -> bool:
+    return int(model.jnt_type[joint]) == int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
 def _kind(model: Any, name: str, joints: Sequence[int], slides: bool) -> Kind:

@@ -6,7 +6,7 @@ Units: SI, angles in rad. Shapes: nv degrees of freedom, nu actuators.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 import mujoco
@@ -15,6 +15,15 @@ import numpy as np
 from s2r_mujoco.arrays import FloatArray
 from s2r_mujoco.joints import actuator_of
 from s2r_mujoco.plan import Plan
+
+
+@dataclass(frozen=True, eq=False)
+class Edit:
+    """Some of :attr:`Physics.amounts`, with their nominal values, and what writes them into a description."""
+
+    at: slice
+    nominal: FloatArray
+    write: Callable[[Any, FloatArray], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +45,8 @@ class Physics:
         lag: time constant of the targets [s].
         substeps: physics steps in place of one.
         softness: factor of the time constants of contacts.
+        sag: share of their force that all actuators lose at a power of 1 W.
+        amounts: numbers of the user's own effects, which ``edits`` write into the model's description.
     """
 
     friction: FloatArray
@@ -60,6 +71,9 @@ class Physics:
     lag: float = 0.0
     substeps: int = 1
     softness: float = 1.0
+    sag: float = 0.0
+    amounts: FloatArray = field(default_factory=lambda: np.zeros(0))
+    edits: tuple[Edit, ...] = ()
 
     @classmethod
     def of(cls, model: Any) -> Self:
@@ -93,6 +107,32 @@ class Physics:
             times[times > 0.0] *= self.softness
         model.opt.gravity[:] = leaning(model.opt.gravity, *self.slope)
         mujoco.mj_setConst(model, mujoco.MjData(model))
+
+    def edit(self, spec: Any) -> None:
+        """Write the user's own effects into a model's description, before it is compiled."""
+        for one in self.edits:
+            if not np.array_equal(self.amounts[one.at], one.nominal):
+                one.write(spec, self.amounts[one.at])
+
+    def sagging(self, model: Any) -> Callable[[Any], None] | None:
+        """Return what weakens a changed model by the power in its data; None where it stays as strong.
+
+        A battery with the open voltage U and the inner resistance R has the voltage U − R I under a current I, and a
+        motor's force is in proportion to it. With the power P = U I of all motors that drive, to first order:
+
+            force / force of a full supply = 1 − r Σ_i max(F_i v_i, 0),   r = R / U²
+        """
+        if not self.sag:
+            return None
+        gain, bias = model.actuator_gainprm, model.actuator_biasprm
+        whole = gain[:, :3].copy(), bias[:, :3].copy()
+
+        def weaken(data: Any) -> None:
+            power = np.maximum(data.actuator_force * data.actuator_velocity, 0.0).sum()
+            left = max(1.0 - self.sag * power, 0.0)
+            gain[:, :3], bias[:, :3] = left * whole[0], left * whole[1]
+
+        return weaken
 
     def rubbing(self, model: Any) -> Callable[[FloatArray], None] | None:
         """Return what sets the friction of a changed model at (nq,) positions; None where it is the same at all."""

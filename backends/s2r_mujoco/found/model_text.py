@@ -195,28 +195,3 @@ def _keep_assets(markup: Markup, root: Path, folder: Path) -> None:
 def _text(numbers: Any) -> str:
     """Return numbers as a text with as many digits as rounding leaves."""
     return " ".join(f"{one:.12g}" for one in numbers)
-
-
-def differences(one: Any, other: Any) -> list[str]:
-    """Return the names of the arrays of two compiled models that differ by more than rounding."""
-    if (one.nq, one.nv, one.nu, one.nbody, one.ngeom) != (
-        other.nq,
-        other.nv,
-        other.nu,
-        other.nbody,
-        other.ngeom,
-    ):
-        return ["sizes"]
-    found = [] if np.allclose(one.opt.gravity, other.opt.gravity) else ["gravity"]
-    for name in dir(one):
-        mine = getattr(one, name, None) if not name.startswith("_") else None
-        if isinstance(mine, np.ndarray) and mine.dtype == np.float64:
-            scale = ROUNDING * np.abs(mine).max(initial=0.0)
-            same = mine.shape == getattr(other, name).shape
-            if not same or not np.allclose(mine, getattr(other, name), ROUNDING, scale, equal_nan=True):
-                found.append(name)
-    return found
-
-
-ROUNDING = 1e-9
-"""Tolerance: relative difference of numbers that MuJoCo's compiler computes in another order."""

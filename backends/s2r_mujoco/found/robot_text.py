@@ -69,7 +69,7 @@ def moved_paths(table: Mapping[str, Any], origin: Path, folder: Path) -> dict[st
         return path_from(folder, origin / path) + mark + rest
 
     found: dict[str, Any] = {
-        key: moved(table[key]) for key in ("model", "policy", "deploy") if table.get(key)
+        key: moved(table[key]) for key in ("model", "policy", "deploy", "catalogue") if table.get(key)
     }
     for number, term in enumerate(table.get("observation", ())):
         name = term.get("term", "") if isinstance(term, Mapping) else term

@@ -13,7 +13,6 @@ gain and the offset o of an encoder:
 
 from __future__ import annotations
 
-import copy
 import os
 import shutil
 import tempfile
@@ -30,8 +29,9 @@ from s2r_mujoco.arrays import FloatArray
 from s2r_mujoco.deploy import split
 from s2r_mujoco.effects.physics import Physics
 from s2r_mujoco.found import deploy_text, robot_text
-from s2r_mujoco.found.model_text import changed_markup, differences, place
+from s2r_mujoco.found.model_text import changed_markup, place
 from s2r_mujoco.law import Law
+from s2r_mujoco.model import differences
 from s2r_mujoco.robot import Robot
 from s2r_spec.backend import Finding
 from s2r_spec.effects import Choice, as_values
@@ -112,8 +112,8 @@ class _Draft:
         changes = robot_text.moved_paths(description.table.model_dump(), description.path.parent, self.folder)
         if in_model:
             before = robot.file.compile()
-            after = copy.copy(before)
             physics = robot.physics(in_model)
+            after = robot.file.compile(edit=physics.edit)
             physics.change(after, physics.plan(robot.plan))
             markup = changed_markup(robot.file, before, after, self.work)
             markup.insert(markup.root, f"<!-- {WARNING} -->")
@@ -140,7 +140,8 @@ class _Draft:
 
 def _simulated(robot: Robot, choice: Choice, values: Mapping[str, float]) -> tuple[Any, Law]:
     """Return the compiled model and the law of a test with effects."""
-    model, physics = robot.file.compile(robot.changes(values)), robot.physics(choice)
+    physics = robot.physics(choice)
+    model = robot.file.compile(robot.changes(values), edit=physics.edit)
     plan = physics.plan(robot.plan)
     drive.prepare_actuators(model, plan)
     physics.change(model, plan)
@@ -172,7 +173,7 @@ def _same_loop(one: Physics, other: Physics) -> bool:
 
 
 _LOOP = (
-    "offset", "tilt", "gyro", "sensing", "sensing_jitter", "sending", "sending_jitter", "lag", "slope",
+    "offset", "tilt", "gyro", "sensing", "sensing_jitter", "sending", "sending_jitter", "lag", "slope", "sag",
 )  # fmt: skip
 """Definition: fields of :class:`.Physics` that act between the model and the controller. An IMU finds the vertical by
 gravity, so a slope is in its attitude, too."""

@@ -163,7 +163,8 @@ def torque_is_before(logs: Sequence[Log]) -> bool:
     left = np.zeros(2)
     for log in logs:
         target, plan = log.channel("target"), log.plan
-        if target is None and log.is_by_ticks and not lacking(log):
+        trained = log.robot.policy is not None  # a controller in Python reads the model itself
+        if target is None and trained and log.is_by_ticks and not lacking(log):
             target = plan.law.targets(log.limited(actions(log, plan)), plan.pose)[
                 :, np.argsort(plan.joints.qpos)
             ]
