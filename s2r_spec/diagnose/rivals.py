@@ -7,7 +7,7 @@ to effects are those of the loop of the files; the simulator of a loop runs at i
 Estimator: every loop is simulated at every test. The loops whose tests are predicted best by themselves are fitted with
 effects, as that of the files is. The weight of a loop is that of its sets: P(s) Σ_A P(A) exp Σ_t w_t ℓ_t(s, A), over
 Bayesian bootstrap weights w of the tests. Before, the loop of the files is as likely as all others together. A loop
-whose simulator ends a test early where the machine does not, or the other way round, is none that the machine has.
+whose simulator never stands at a test as long as the machine does is none that the machine has.
 
 Units: ℓ in nats. Shapes: T tests, K parameters. Source: see :mod:`.inference.prediction`.
 """
@@ -62,10 +62,12 @@ def rival_loops(
     data = Recorded.of(backend, library, tests)
     responses = [one.response for one in data.observations]
     alone: dict[LoopMistake, float] = {}
+    runs: dict[LoopMistake, list[FloatArray]] = {}
     for number, (mistake, other) in enumerate(mistakes.items()):
         progress("simulating mistakes of the loop", number, len(mistakes))
-        rows = _rows(other, responses, executor, cache)
-        if _ends_alike(data, rows):
+        rows = _standing(data, _rows(other, responses, executor, cache))
+        if rows is not None:
+            runs[mistake] = rows
             near = data.near(np.zeros(prior.low.size), rows)
             one = fitted(near, data.background, np.zeros(prior.low.size), prior, ())
             alone[mistake] = float(one.score.sum())
@@ -73,14 +75,8 @@ def rival_loops(
     left: dict[tuple[LoopMistake, ...], float] = {(): _left(found)}
     for mistake in sorted(alone, key=lambda one: -alone[one])[:FITTED]:
         progress("fitting mistakes of the loop", 0, 0)
-        other = mistakes[mistake]
-        own = predicted(
-            other,
-            _library_of(library, responses, _rows(other, responses, executor, cache)),
-            tests,
-            prior,
-            executor,
-        )
+        near_it = _library_of(library, responses, runs[mistake])
+        own = predicted(mistakes[mistake], near_it, tests, prior, executor)
         assert own is not None
         scores[mistake,], left[mistake,] = _scores(own.candidates, prior), _left(own)
     logs = {
@@ -151,6 +147,10 @@ def _library_of(
     return replace(library, responses=tuple(own.get(one.experiment, one) for one in library.responses))
 
 
-def _ends_alike(data: Recorded, rows: Sequence[FloatArray]) -> bool:
-    """Return whether the runs of a loop have every observable that real runs have."""
-    return all(np.isfinite(own[:, one.kept]).all() for one, own in zip(data.observations, rows, strict=True))
+def _standing(data: Recorded, rows: Sequence[FloatArray]) -> list[FloatArray] | None:
+    """Return the runs of a loop that have every observable of the real runs; None where a test has no such run."""
+    found = [
+        own[np.isfinite(own[:, one.kept]).all(axis=1)]
+        for one, own in zip(data.observations, rows, strict=True)
+    ]
+    return found if all(map(len, found)) else None

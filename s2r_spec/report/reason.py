@@ -146,7 +146,7 @@ def _remainder(diagnosis: Diagnosis) -> list[str]:
 def _loop(diagnosis: Diagnosis) -> list[str]:
     """Return the mistakes of the machine's loop, and what shows them."""
     loop = diagnosis.evidence.loop
-    if loop is None or not loop.mistakes:
+    if loop is None or not loop.names:
         return []
     return [f"The code around the controller has a mistake: {join_names(loop.names)}.", loop.words]
 
