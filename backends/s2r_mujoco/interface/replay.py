@@ -370,7 +370,7 @@ class _Motors:
     @cached_property
     def prior(self) -> tuple[FloatArray, FloatArray]:
         """(J, 3) mean and precision of κ, δ and c; flat where no gains are stated."""
-        known = np.isfinite(self.stated).all(axis=1)
+        known: NDArray[np.bool_] = np.asarray(np.isfinite(self.stated).all(axis=1))
         stated = np.where(known[:, None], self.stated, 0.0)
         deviation = np.column_stack([GAINS * stated, OFFSET * stated[:, 0]]) + 1e-9
         precision = np.where(known[:, None], deviation**-2, 1e-12)
