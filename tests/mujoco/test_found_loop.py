@@ -8,9 +8,11 @@ import pytest
 
 from benchmarks.robots.public import GO1, ROBOTS
 from s2r_mujoco.deploy import read_deployment
-from s2r_spec.backend import load_backend
+from s2r_spec import load_backend, write_trace
 from tests.errors import states
+from tests.mujoco.make_policies import HERE
 from tests.mujoco.robots import opened, robot, same
+from tests.mujoco.test_cart import COMMON, STATE
 from tests.mujoco.test_found import DEPLOY, GAINS, TOML, alike, deployed
 
 OWN = TOML.replace('["joint_pos_rel", {', '[\n  "joint_pos_rel",  # first\n  {').replace(
@@ -135,3 +137,22 @@ def test_a_public_robot_is_written_with_mistakes(tmp_path):
             replace(there, duration=0.5).rollout({"vd": 0.5}, 1),
             go1.with_mistakes([one]).rollout({"vd": 0.5}, 1),
         )
+
+
+def test_a_diagnosis_writes_the_mistake_that_it_names(tmp_path, s2r):
+    for name in ("cart.xml", "cart.onnx"):
+        (tmp_path / name).write_bytes((HERE / name).read_bytes())
+    (tmp_path / "near.stl").write_text(
+        "signal q_slide {m}\nrequire near: always[0, 1 s] (abs(q_slide) <= 1)\n"
+    )
+    cart = opened(tmp_path, f'policy = "cart.onnx"\n{COMMON}{STATE}')
+    (mistake,) = (one for one in cart.mistakes() if one.name == "joint_vel is 0.25 times as large")
+    (tmp_path / "run").mkdir()
+    machine = replace(cart.with_mistakes([mistake]), duration=1.0)
+    for seed in range(8):
+        write_trace(machine.rollout({}, seed), tmp_path / "run" / f"{seed}.npz")
+    (tmp_path / "run" / "rollouts.csv").write_text("id\n" + "".join(f"{k}\n" for k in range(8)))
+    words = ("diagnose", "near.stl", "--sim", "robot.toml", "--real", "log:run", "--as-found", "found")
+    assert states(s2r(*words, "-q").stderr, "found/as_found.toml", mistake.name)
+    there = load_backend(str(tmp_path / "found" / "as_found.toml"))
+    assert same(there.rollout({}, 3), cart.with_mistakes([mistake]).rollout({}, 3))
