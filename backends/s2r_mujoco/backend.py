@@ -288,8 +288,10 @@ class RobotBackend:
             if touches or "softness" not in changes
         }
 
-    def write_found(self, values: Values, folder: Path) -> list[Finding]:
-        """Write this robot with effects as files of its own; see :class:`s2r_spec.backend.WritesFound`.
+    def write_found(
+        self, values: Values, folder: Path, mistakes: Sequence[LoopMistake] = ()
+    ) -> list[Finding]:
+        """Write this robot with effects and mistakes as files; see :class:`s2r_spec.backend.WritesFound`.
 
         Raises:
             UsageError: the folder is there already, or cannot be written.
@@ -297,7 +299,7 @@ class RobotBackend:
         require("robot files with what was found need", "tomlkit")
         from s2r_mujoco.found.write import write
 
-        return write(self._robot, self.with_effects(values)._choice, folder)
+        return write(self._robot, self.with_effects(values)._choice, mistakes, folder)
 
     def loop(self, trace: Trace) -> Iterator[Finding]:
         """Yield what a log says of the control loop of the files; see :class:`s2r_spec.backend.HasLoop`."""

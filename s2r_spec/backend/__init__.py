@@ -23,13 +23,13 @@ from s2r_spec.backend.capabilities import Option as Option
 from s2r_spec.backend.capabilities import Prepares as Prepares
 from s2r_spec.backend.capabilities import Recording as Recording
 from s2r_spec.backend.capabilities import SaysWhenItBegins as SaysWhenItBegins
-from s2r_spec.backend.capabilities import WritesFound as WritesFound
 from s2r_spec.backend.capabilities import assumptions_of as assumptions_of
 from s2r_spec.backend.capabilities import hands_over as hands_over
 from s2r_spec.backend.capabilities import is_exclusive as is_exclusive
 from s2r_spec.backend.files import LoadedCode as LoadedCode
 from s2r_spec.backend.files import load_code as load_code
 from s2r_spec.backend.files import read_code as read_code
+from s2r_spec.backend.found import WritesFound as WritesFound
 from s2r_spec.backend.loop import HasLoop as HasLoop
 from s2r_spec.backend.loop import LoopMistake as LoopMistake
 from s2r_spec.backend.loop import Replayed as Replayed

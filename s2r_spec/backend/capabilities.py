@@ -329,18 +329,6 @@ class HasPreflight(Protocol):
         """Yield facts, each as soon as it is known; without ``run`` only those that need no rollout."""
 
 
-@runtime_checkable
-class WritesFound(Protocol):
-    """A backend that was put together from a user's files, and can write found effects into copies of them."""
-
-    def write_found(self, values: Mapping[str, Mapping[str, float]], folder: Path) -> list[Finding]:
-        """Write the machine as found, and a deploy file with the fault undone, to a new folder; return what each is.
-
-        Raises:
-            UsageError: the folder is there already, or cannot be written.
-        """
-
-
 @dataclass(frozen=True)
 class Option:
     """An option after the colon of a backend's name, as NAME=VALUE.

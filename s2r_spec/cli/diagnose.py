@@ -53,7 +53,7 @@ class Campaign:
     )
     as_found: Path | None = output_option(
         None,
-        help="New folder for the simulator's own files with the named effects, and a deploy file without them.",
+        help="New folder for the simulator's own files with what is named, and a deploy file without it.",
     )
     tuned: bool = output_option(
         False,
@@ -209,12 +209,13 @@ def _writer(sim: str) -> WritesFound:
 
 
 def _files(diagnosis: Diagnosis, sim: str, campaign: Campaign) -> list[str]:
-    """Write the simulator's files with the named effects if they are asked for; return sentences on them."""
+    """Write the simulator's files with what is named if they are asked for; return sentences on them."""
     if campaign.as_found is None:
         return []
-    if not (added := diagnosis.improved(campaign.tuned)):
+    added, mistakes = diagnosis.improved(campaign.tuned), diagnosis.mistakes
+    if not (added or mistakes):
         return [f"{campaign.as_found} is not written: no effect is named"]
-    found = _writer(sim).write_found(added, campaign.as_found)
+    found = _writer(sim).write_found(added, campaign.as_found, mistakes)
     return [line for one in found for line in (one.words, *one.table)]
 
 

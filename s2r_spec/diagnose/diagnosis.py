@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 
 from annotated_types import MinLen
 
+from s2r_spec.backend import LoopMistake
 from s2r_spec.base.json_types import Count, Probability
 from s2r_spec.base.json_values import Open, Shown
 from s2r_spec.base.result import Result
@@ -278,6 +279,12 @@ class Diagnosis(Result, Shown):
         """Effect → parameter → value to add to the simulator."""
         answer = self.which.answer
         return {one.effect: one.values for one in self.which.effects if one.effect in answer}
+
+    @property
+    def mistakes(self) -> tuple[LoopMistake, ...]:
+        """The mistakes that the machine's loop surely has."""
+        loop = self.evidence.loop
+        return loop.mistakes if loop is not None and loop.sure else ()
 
     @property
     def misread(self) -> tuple[str, ...]:

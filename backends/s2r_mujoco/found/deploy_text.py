@@ -7,7 +7,7 @@ over others. Then the new text is read, and refused if it does not say what it s
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -32,12 +32,13 @@ class UnplacedError(Exception):
     """No other numbers in the same places make the file say it; the message is the reason."""
 
 
-def changed_text(path: Path, wanted: Mapping[str, FloatArray]) -> str:
-    """Return the text of a deploy file with other lists.
+def changed_text(path: Path, wanted: Mapping[str, FloatArray], scales: Mapping[int, FloatArray]) -> str:
+    """Return the text of a deploy file with other lists, and other scales of terms.
 
     Args:
         path: of the file, with ``#key`` if this chooses a policy.
         wanted: name of a list (:data:`FIELDS`) → its numbers in policy order. Other lists stay.
+        scales: number of a term of the observation → (width,) its scale. Other terms stay.
 
     Raises:
         UnplacedError: the file cannot say it by other numbers in the same places.
@@ -46,11 +47,12 @@ def changed_text(path: Path, wanted: Mapping[str, FloatArray]) -> str:
     text = file.read_bytes().decode("utf-8-sig")
     values = parse(text, file.name)
     before = of_values(values, file, key)
-    start = _flat(before)
-    target = np.concatenate([np.asarray(wanted.get(name, getattr(before, name))) for name in FIELDS])
+    start = _flat(before, scales)
+    lists = [np.asarray(wanted.get(name, getattr(before, name))) for name in FIELDS]
+    target = np.concatenate([*lists, *scales.values()])
     left, moved = target - start, []
     for number in numbers(text, file.name):
-        slope = _slope(values, number, file, key, start)
+        slope = _slope(values, number, lambda: _flat(of_values(values, file, key), scales), start)
         at = slope != 0.0
         if not left[at].any():
             continue
@@ -62,21 +64,35 @@ def changed_text(path: Path, wanted: Mapping[str, FloatArray]) -> str:
     for number, value in reversed(moved):
         text = text[: number.start] + f"{value:.6g}" + text[number.stop :]
     after = of_values(parse(text, file.name), file, key)
-    rest = replace(after, **{name: getattr(before, name) for name in FIELDS})
-    if rest != before or not np.allclose(_flat(after), target, rtol=WRITTEN, atol=WRITTEN):
+    if _with_lists_of(before, after, scales) != before or not np.allclose(
+        _flat(after, scales), target, rtol=WRITTEN, atol=WRITTEN
+    ):
         raise UnplacedError("it does not state these numbers itself")
     return text
 
 
-def _flat(deployment: Deployment) -> FloatArray:
-    return np.concatenate([np.asarray(getattr(deployment, name), dtype=np.float64) for name in FIELDS])
+def _flat(deployment: Deployment, scales: Mapping[int, FloatArray]) -> FloatArray:
+    """Return all numbers of the lists, and the scales of these terms, a number for each component."""
+    lists = [np.asarray(getattr(deployment, name), dtype=np.float64) for name in FIELDS]
+    stated = ((np.array(deployment.terms[k].scale or (1.0,)), own) for k, own in scales.items())
+    return np.concatenate([*lists, *(np.broadcast_to(one, own.shape) for one, own in stated)])
 
 
-def _slope(values: Any, number: Number, file: Path, key: str, start: FloatArray) -> FloatArray:
+def _with_lists_of(before: Deployment, after: Deployment, scales: Mapping[int, FloatArray]) -> Deployment:
+    """Return what a file says, with the lists and the scales of what it said before."""
+    terms = [
+        replace(term, scale=before.terms[k].scale) if k in scales else term
+        for k, term in enumerate(after.terms)
+    ]
+    names = [*FIELDS, *["command_scale" for k in scales if before.terms[k].name == "velocity_commands"]]
+    return replace(after, terms=tuple(terms), **{name: getattr(before, name) for name in names})
+
+
+def _slope(values: Any, number: Number, read: Callable[[], FloatArray], start: FloatArray) -> FloatArray:
     """Return by how much each number of the lists grows with a number of the file; 0 for one that must stay."""
     try:
         _put(values, number, number.value + NUDGE)
-        end = _flat(of_values(values, file, key))
+        end = read()
         return (end - start) / NUDGE if end.shape == start.shape else np.zeros_like(start)
     except UsageError:  # a count or an index
         return np.zeros_like(start)

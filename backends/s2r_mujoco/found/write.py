@@ -9,6 +9,8 @@ parameter would overwrite, or a model states in no single place.
 gain and the offset o of an encoder:
 
     kp' = kp / (f_p s),   kd' = kd / (f_d s),   default pose' = default pose + o,   offset of the action' = offset + o
+
+Mistakes of the loop are keys of ``as_found.toml``, and scales of ``fix.yaml``; see :mod:`s2r_mujoco.found.loop`.
 """
 
 from __future__ import annotations
@@ -16,9 +18,10 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -29,11 +32,13 @@ from s2r_mujoco.arrays import FloatArray
 from s2r_mujoco.deploy import split
 from s2r_mujoco.effects.physics import Physics
 from s2r_mujoco.found import deploy_text, robot_text
+from s2r_mujoco.found.loop import changed_keys, undone
 from s2r_mujoco.found.model_text import changed_markup, place
+from s2r_mujoco.interface.text import loop_text
 from s2r_mujoco.law import Law
 from s2r_mujoco.model import differences
 from s2r_mujoco.robot import Robot
-from s2r_spec.backend import Finding
+from s2r_spec.backend import Finding, LoopMistake
 from s2r_spec.effects import Choice, as_values
 from s2r_spec.errors import UsageError
 
@@ -46,20 +51,26 @@ CURABLE = ("kp", "kd", "motor_strength", "encoder_offset")
 """Definition: effects that other numbers of a deploy file undo."""
 
 
-def write(robot: Robot, choice: Choice, folder: Path) -> list[Finding]:
-    """Write the files of found effects into a new folder, and return what each is.
+def write(robot: Robot, choice: Choice, mistakes: Sequence[LoopMistake], folder: Path) -> list[Finding]:
+    """Write the files of found effects and mistakes into a new folder, and return what each is.
+
+    Args:
+        robot: of the user's files.
+        choice: the effects.
+        mistakes: of the loop; the keys of each have those before it.
+        folder: new.
 
     Raises:
         UsageError: the folder is there already, or cannot be written.
     """
     with _made_whole(folder) as work:
-        draft = _Draft(robot, choice, folder, work)
+        draft = _Draft(robot, choice, tuple(mistakes), folder, work)
         in_model = [one for one in choice if draft.equals((one,), (one,))]
         if not draft.equals(choice, tuple(in_model)):
             in_model = []
             if not draft.equals(choice, ()):
                 raise UsageError(f"{robot.name}: no robot file in another folder equals it; use --apply")
-        return [draft.words(tuple(in_model)), _cure(robot, choice, work)]
+        return [draft.words(tuple(in_model)), _cure(robot, choice, mistakes, work)]
 
 
 @contextmanager
@@ -85,12 +96,19 @@ def _made_whole(folder: Path) -> Iterator[Path]:
 
 @dataclass(frozen=True)
 class _Draft:
-    """The files of a robot with effects, written to ``work`` as they will be read in ``folder``."""
+    """The files of a robot with effects and mistakes, written to ``work`` as they will be read in ``folder``."""
 
     robot: Robot
     choice: Choice
+    mistakes: tuple[LoopMistake, ...]
     folder: Path
     work: Path
+
+    @cached_property
+    def found(self) -> Robot:
+        """The robot with the loop of the mistakes."""
+        keys = self.mistakes[-1].keys if self.mistakes else ""
+        return Robot(self.robot.description.path, keys) if keys else self.robot
 
     def equals(self, choice: Choice, in_model: Choice) -> bool:
         """Write the files with some effects, of which some are in the model, and return whether they equal them."""
@@ -99,10 +117,12 @@ class _Draft:
             other = Robot(self.work / TOML)
         except (ValueError, UsageError):
             return False
-        rest = other.stated
-        return _same_loop(self.robot.physics(choice), other.physics(rest)) and all(
-            _same(*_simulated(self.robot, choice, one), *_simulated(other, rest, two))
-            for one, two in _tests(self.robot, other)
+        rest, found = other.stated, self.found
+        if self.mistakes and loop_text(found.plan) != loop_text(other.plan):
+            return False
+        return _same_loop(found.physics(choice), other.physics(rest)) and all(
+            _same(*_simulated(found, choice, one), *_simulated(other, rest, two))
+            for one, two in _tests(found, other)
         )
 
     def _write(self, choice: Choice, in_model: Choice) -> None:
@@ -110,6 +130,7 @@ class _Draft:
             path.unlink()
         robot, description = self.robot, self.robot.description
         changes = robot_text.moved_paths(description.table.model_dump(), description.path.parent, self.folder)
+        changes |= changed_keys(robot, self.mistakes)
         if in_model:
             before = robot.file.compile()
             physics = robot.physics(in_model)
@@ -133,6 +154,8 @@ class _Draft:
         parts = [f"{TOML} is {self.robot.name} with what was found: use it as --sim {self.folder / TOML}"]
         if in_model:
             parts.append(f"{XML} has {_listed(dict(in_model))}")
+        if self.mistakes:
+            parts.append(f"its loop has {_quoted(self.mistakes)}")
         if rest:
             parts.append(f"its table [effects] has {_listed(rest)}, which the model cannot state")
         return Finding("as found", "; ".join(parts))
@@ -179,23 +202,32 @@ _LOOP = (
 gravity, so a slope is in its attitude, too."""
 
 
-def _cure(robot: Robot, choice: Choice, work: Path) -> Finding:
+def _cure(robot: Robot, choice: Choice, mistakes: Sequence[LoopMistake], work: Path) -> Finding:
     """Write the deploy file with the fault undone, and return what it is, or why there is none."""
-    stated, names = robot.description.table.deploy, [name for name, _ in choice]
-    able = [name for name in names if name in CURABLE]
+    stated, names, loop = (
+        robot.description.table.deploy,
+        [name for name, _ in choice],
+        undone(robot, mistakes),
+    )
     never = [name for name in names if name not in CURABLE]
     words = f"; no number of a deploy file undoes {_listed(never)}" if never else ""
     if not stated:
-        return Finding("fix", f"there is no fix, since {robot.name} names no deploy file")
+        words = f"; correct in the code: {_quoted(mistakes)}" if mistakes else ""
+        return Finding("fix", f"there is no fix, since {robot.name} names no deploy file{words}")
+    words += f"; correct in the code: {_quoted(loop.never)}" if loop.never else ""
+    able = [*(name for name in names if name in CURABLE), *map(_quoted, ([one] for one in loop.able))]
     path = robot.description.beside(stated)
     name = f"fix{split(path)[0].suffix}"
     if not able:
         return Finding("fix", f"{name} is not written{words}")
-    wanted = _undone(robot, choice)
+    wanted = _undone(robot, choice) | ({} if loop.action is None else {"action_scale": loop.action})
     try:
-        text = deploy_text.changed_text(path, wanted)
+        text = deploy_text.changed_text(path, wanted, loop.terms)
     except deploy_text.UnplacedError as error:
-        rows = tuple(f"{key}: {' '.join(f'{one:.6g}' for one in row)}" for key, row in wanted.items())
+        scales = {f"scale of {robot.plan.terms[k].name}": own for k, own in loop.terms.items()}
+        rows = tuple(
+            f"{key}: {' '.join(f'{one:.6g}' for one in row)}" for key, row in (wanted | scales).items()
+        )
         words = f"{name} is not written, since {Path(stated).name} cannot say it: {error}{words}"
         return Finding("fix", f"{words}. It would have, in the order of the policy:", "note", rows)
     (work / name).write_text(f"# {CURE}\n{text}", encoding="utf-8")
@@ -220,3 +252,7 @@ def _undone(robot: Robot, choice: Choice) -> dict[str, FloatArray]:
 
 def _listed(names: Any) -> str:
     return ", ".join(names)
+
+
+def _quoted(mistakes: Sequence[LoopMistake]) -> str:
+    return _listed(f'"{one.name}"' for one in mistakes)

@@ -70,15 +70,15 @@ def with_loop_of(bench: Bench, rollouts: Sequence[TestRun]) -> tuple[Bench, Loop
     if found is not None and found.explained and found.probability >= SURE:
         rivals = tuple((words_of(mistakes), p) for mistakes, p in found.rivals)
         words = (
-            f"On the recorded state, this loop leaves {100.0 * found.share:.2g} % of {found.output} unexplained, and "
-            f"that of the files {100.0 * found.files:.2g} %."
+            f"On the recorded state, this loop leaves {100.0 * found.share:.3g} % of {found.output} unexplained, and "
+            f"that of the files {100.0 * found.files:.3g} %."
         )
         words = words if found.mistakes else ""
         loop = Loop(found.mistakes, found.probability, rivals, words, found.channels)
     elif found is not None:
         words = (
             f"on the recorded state no loop explains {found.output}: the nearest, {words_of(found.mistakes)}, leaves "
-            f"{100.0 * found.share:.2g} % of it"
+            f"{100.0 * found.share:.3g} % of it"
         )
         loop = Loop(found.mistakes, found.probability, (), words, explained=False)
     backend = bench.backend.with_mistakes(loop.mistakes if loop is not None and loop.sure else ())
