@@ -140,7 +140,7 @@ class Log:
         }
         if values is None and at_site and int(sensor.type[0]) in names:
             name = names[int(sensor.type[0])]
-            base = self.channel(name)
+            base = self._of_base(name)
             values = None if base is None else self._at_site(name, base, site)
         if values is None or part.term.frame != "world":
             return values
@@ -152,14 +152,28 @@ class Log:
         name = {
             "base_lin_vel": "velocity", "base_ang_vel": "omega", "projected_gravity": "gravity"
         }.get(part.term.name, "")  # fmt: skip
-        values, turn, frame = self.channel(name), self.attitude, part.term.frame
-        if values is None and name == "gravity" and turn is not None:
-            values = -turn[:, 2]
+        values, turn, frame = self._of_base(name), self.attitude, part.term.frame
         if values is None or frame == "body" or (frame == "world" and name == "gravity"):
             return values
         if frame == "world":
             return None if turn is None else np.einsum("nij,nj->ni", turn, values)
         return self._at_site(name, values, int(self.robot.model.site(frame).id))
+
+    def _of_base(self, name: str) -> FloatArray | None:
+        """Return (n, 3) a vector of the base in its axes; gravity and velocity also by the attitude."""
+        values, turn = self.channel(name), self.attitude
+        if values is not None or turn is None:
+            return values
+        if name == "gravity":
+            return -turn[:, 2]
+        each = [self.channel(one) for one in ("vx", "vy", "vz")]
+        if name != "velocity" or any(one is None for one in each):
+            return None
+        heading = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
+        forward, left, up = (np.asarray(one)[:, 0] for one in each)
+        c, s = np.cos(heading), np.sin(heading)
+        world = np.stack([c * forward - s * left, s * forward + c * left, up], axis=1)
+        return np.einsum("nji,nj->ni", turn, world)
 
     def _at_site(self, name: str, values: FloatArray, site: int) -> FloatArray | None:
         """Return (n, 3) a vector of the base in axes of a site; None for a site on another body."""
