@@ -193,7 +193,8 @@ def _patch(diagnosis: Diagnosis, sim: str, campaign: Campaign) -> str:
     if not (added := diagnosis.improved(campaign.tuned)):
         return f"{campaign.apply} is not written: no effect is named"
     patched.write(campaign.apply, sim, added)
-    return f"use it as --sim patched:{campaign.apply}"
+    lacks = "; it lacks the mistake of the loop, which --as-found writes" if diagnosis.mistakes else ""
+    return f"use it as --sim patched:{campaign.apply}{lacks}"
 
 
 def _writer(sim: str) -> WritesFound:
@@ -214,7 +215,7 @@ def _files(diagnosis: Diagnosis, sim: str, campaign: Campaign) -> list[str]:
         return []
     added, mistakes = diagnosis.improved(campaign.tuned), diagnosis.mistakes
     if not (added or mistakes):
-        return [f"{campaign.as_found} is not written: no effect is named"]
+        return [f"{campaign.as_found} is not written: nothing is named"]
     found = _writer(sim).write_found(added, campaign.as_found, mistakes)
     return [line for one in found for line in (one.words, *one.table)]
 
