@@ -46,7 +46,7 @@ def written_as_shown(folder):
     robot = load_backend(str(folder / "robot.toml"))
     found = robot.replayed([read_trace(path) for path in sorted((folder / "run").glob("*.npz"))[:6]])
     assert [one.name for one in found.mistakes] == ["joint_vel is 0.05 times as large"]
-    size = float(re.search(r"dry_friction\.slide +(\S+) N", SHOWN[DIAGNOSIS])[1])
+    size = float(re.search(r"dry_friction\.slide +(\S+) ", SHOWN[DIAGNOSIS])[1])
     robot.write_found({"dry_friction": {"slide": size}}, folder / "found", found.mistakes)
 
 

@@ -57,7 +57,7 @@ from s2r_spec.diagnose.inference.estimates import (
     with_status,
 )
 from s2r_spec.diagnose.notes import notes
-from s2r_spec.diagnose.quality import Loop, certain_findings, likely_findings, with_loop_of
+from s2r_spec.diagnose.quality import Loop, certain_findings, likely_findings, unstated, with_loop_of
 from s2r_spec.diagnose.refusal import provenance, refusal
 from s2r_spec.diagnose.residuals.left import remainders
 from s2r_spec.diagnose.rivals import rival_loops
@@ -173,7 +173,8 @@ def diagnose(
             files = work.bench
             bench, loop = with_loop_of(files, rollouts.tests)
             work = replace(work, bench=bench, files=files, loop=loop)
-        if not work.mistakes and (broken := certain_findings(work.bench, rollouts.tests)):
+        broken = unstated(work.loop) if work.mistakes else certain_findings(work.bench, rollouts.tests)
+        if broken:
             diagnosis = refusal(work.bench, seed, rollouts, broken, ASSUMPTIONS)
         else:
             data = data or _recordings(work, rollouts, protocols, passive)

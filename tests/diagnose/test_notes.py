@@ -139,9 +139,15 @@ def test_a_channel_in_a_unit_that_was_not_said_is_told(times, words):
 
 
 class Blind(Cart):
-    """A cart whose residuals need a channel that no recording has."""
+    """A cart whose residuals need a channel that its own rollouts have, and no recording has."""
+
+    def rollout(self, params, seed):
+        trace = super().rollout(params, seed)
+        return Trace(trace.times, trace.channels, trace.units, dict(trace.meta) | {"own": True})
 
     def residuals(self, trace, params):
+        if "own" in trace.meta:
+            return super().residuals(trace, params)
         raise TraceError("the channel 'nothing' is missing")
 
 

@@ -114,9 +114,11 @@ class Rival:
 
     @property
     def mistakes(self) -> tuple[LoopMistake, ...]:
-        """Its mistakes, in words; the keys of each have those before it."""
-        when = f" from t = {min(self.since):.3g} s on" if self.since else ""
-        return tuple(replace(one.mistake, words=one.words + when) for one in self.switches)
+        """Its mistakes, in words; the keys of each have those before it. No keys state one that begins later."""
+        if not self.since:
+            return tuple(one.mistake for one in self.switches)
+        when = f" from t = {min(self.since):.3g} s on"
+        return tuple(replace(one.mistake, words=one.words + when, keys="") for one in self.switches)
 
     @property
     def rms(self) -> float:

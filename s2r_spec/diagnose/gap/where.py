@@ -155,8 +155,8 @@ def body_of(bench: Bench, pairs: Pairs, seed: int) -> tuple[Body | None, str | N
         except TraceError as error:
             refused = f": {error}"
     if len(residuals) < FEWEST:
-        few = f"residuals exist for only {len(residuals)} real rollouts, and at least {FEWEST} are needed"
-        return None, few + refused
+        count = f"only {len(residuals)}" if residuals else "no"
+        return None, f"{count} real rollouts have residuals, and at least {FEWEST} are needed{refused}"
     at = in_cube(space, np.array(tests))
     body = shifts(at, [own for own, *_ in residuals], [other for _, *other in residuals], backend.duration)
     return (

@@ -32,6 +32,6 @@ Williams 2006, §2.7, explicit basis functions; Woodbury), generalised-likelihoo
 
 from s2r_spec.diagnose.quality.decide import certain_findings, findings, likely_findings
 from s2r_spec.diagnose.quality.finding import Finding
-from s2r_spec.diagnose.quality.loop import Loop, with_loop_of
+from s2r_spec.diagnose.quality.loop import Loop, unstated, with_loop_of
 
-__all__ = ["Finding", "Loop", "certain_findings", "findings", "likely_findings", "with_loop_of"]
+__all__ = ["Finding", "Loop", "certain_findings", "findings", "likely_findings", "unstated", "with_loop_of"]

@@ -52,6 +52,11 @@ class Loop(Shown):
         return tuple(one.name for one in self.mistakes) if self.sure else ()
 
     @property
+    def is_stated(self) -> bool:
+        """Whether files can state the loop, so that a simulator has it; not where a mistake begins later."""
+        return all(one.keys for one in self.mistakes)
+
+    @property
     def possible(self) -> tuple[str, ...]:
         """Loops with a mistake, in words, of which more likely than not the machine has one; () where one is sure."""
         every = dict([(words_of(self.mistakes), self.probability), *self.rivals])
@@ -81,8 +86,17 @@ def with_loop_of(bench: Bench, rollouts: Sequence[TestRun]) -> tuple[Bench, Loop
             f"{100.0 * found.share:.3g} % of it"
         )
         loop = Loop(found.mistakes, found.probability, (), words, explained=False)
-    backend = bench.backend.with_mistakes(loop.mistakes if loop is not None and loop.sure else ())
+    known = loop is not None and loop.sure and loop.is_stated
+    backend = bench.backend.with_mistakes(loop.mistakes if loop is not None and known else ())
     return replace(bench, backend=backend.as_logged(traces)), loop
+
+
+def unstated(loop: Loop | None) -> tuple[Finding, ...]:
+    """Return the mistakes of a loop that is sure and that no file can state: nothing is estimated beside these."""
+    if loop is None or not loop.names or loop.is_stated:
+        return ()
+    text = f"the code around the controller has a mistake: {', '.join(loop.names)}. Correct it, then record again"
+    return (Finding("loop", "the loop", text, certain=True),)
 
 
 def words_of(mistakes: Sequence[LoopMistake]) -> str:
