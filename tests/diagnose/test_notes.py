@@ -147,7 +147,7 @@ class Blind(Cart):
 
     def residuals(self, trace, params):
         if "own" in trace.meta:
-            return super().residuals(trace, params)
+            return trace
         raise TraceError("the channel 'nothing' is missing")
 
 
