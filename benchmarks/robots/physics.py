@@ -3,7 +3,7 @@
 Run: OMP_NUM_THREADS=1 python -m benchmarks.robots.physics [--cases 24] [--folder FOLDER] [--write]
 
 A machine is a Go1 of code of its own (:mod:`.go1`): 10 runs of 5 s at forward commands over the test space, logged as a
-robot logs. Its robot file has ten lines, and no catalogue of its own. Sizes are drawn between a half and one and a half
+robot logs, without the observations, actions and targets. Its robot file has ten lines, and no catalogue of its own. Sizes are drawn between a half and one and a half
 of typical. Every fourth machine is healthy: it has small amounts of all effects alone. Answers are kept in the folder,
 so a second call resumes. Scores: :mod:`benchmarks.blind.scoring`.
 """
@@ -22,6 +22,7 @@ import numpy as np
 
 from benchmarks.blind.scoring import Axes, Scored, acting_axes, scores
 from benchmarks.robots.go1 import KINDS, Machine
+from benchmarks.robots.machines import LOGS, without
 from benchmarks.robots.public import GO1
 from s2r_spec.backend import load_backend
 from s2r_spec.diagnose import diagnose
@@ -99,7 +100,7 @@ def main() -> None:
         physics, path = physics_of(number, axes), given.folder / f"{number:02d}.json"
         if not path.exists():
             machine, began = Machine(1000 + number, physics), time.process_time()
-            runs = [({"vd": vd}, machine.drive(vd)) for vd in COMMANDS]
+            runs = [({"vd": vd}, without(machine.drive(vd), LOGS["tau"])) for vd in COMMANDS]
             made = time.process_time() - began
             found = diagnose(
                 given.folder / "walk.stl",

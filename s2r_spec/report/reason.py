@@ -55,6 +55,10 @@ def reason(diagnosis: Diagnosis) -> str:
             sentences = [f"Of the catalogue, {best}, but {rival}: check the recordings first."]
         case _:
             sentences = [material, *_loop(diagnosis), "No effect of the catalogue explains the data."]
+            if diagnosis.evidence.loop is not None and (likely := diagnosis.evidence.loop.possible):
+                sentences.append(
+                    f"The code around the controller may have a mistake: {join_names(likely, 'or')}."
+                )
             sentences += [
                 f"Unexplained: {each}." if each.material else f"The {largest_rest_words(each)}."
                 for each in diagnosis.left[:1]
