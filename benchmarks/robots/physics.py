@@ -3,9 +3,10 @@
 Run: OMP_NUM_THREADS=1 python -m benchmarks.robots.physics [--cases 24] [--folder FOLDER] [--write]
 
 A machine is a Go1 of code of its own (:mod:`.go1`): 10 runs of 5 s at forward commands over the test space, logged as a
-robot logs, without the observations, actions and targets. Its robot file has ten lines, and no catalogue of its own. Sizes are drawn between a half and one and a half
-of typical. Every fourth machine is healthy: it has small amounts of all effects alone. Answers are kept in the folder,
-so a second call resumes. Scores: :mod:`benchmarks.blind.scoring`.
+robot logs, without the observations, actions and targets. Its robot file has ten lines, and no catalogue of its own.
+Sizes are drawn between a half and one and a half of typical. Every fourth machine is healthy: it has small amounts of
+all effects alone. Answers are kept in the folder, so a second call resumes.
+Scores: :mod:`benchmarks.blind.scoring`.
 """
 
 from __future__ import annotations
