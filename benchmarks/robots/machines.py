@@ -139,7 +139,7 @@ NAMES = {
 }  # fmt: skip
 """Definition: mistake → what a replay of its logs must say, or begin with."""
 LOGS = {"check": (), "all": (), "target": ("obs", "action"), "tau": ("obs", "action", "target")}
-"""Definition: what is asked of a log → the channels that it lacks."""
+"""Definition: what a log is judged by → the channels that it lacks."""
 
 
 def without(trace: Trace, channels: tuple[str, ...]) -> Trace:

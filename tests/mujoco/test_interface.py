@@ -276,6 +276,18 @@ def test_no_physics_is_a_mistake_of_the_loop_of_a_log_with_torques_alone(box, ef
         assert not (found.mistakes and found.explained and found.probability >= 0.95), found
 
 
+def _later(trace, first):
+    """Return a log that begins some ticks after the reset, with the times of the run."""
+    channels = {key: np.asarray(trace[key])[first:] for key in trace.channels}
+    return Trace(trace.times[first:], channels, trace.units, trace.meta)
+
+
+def test_logs_with_different_outputs_are_not_mixed(box):
+    mixed = [box.rollout({}, 1), bare(box.rollout({}, 2)), bare(box.rollout({}, 3), ("action",))]
+    assert box.replayed(mixed).output == "action"
+    assert box.replayed(mixed[1:]).output == "tau"
+
+
 def test_a_velocity_of_motion_capture_stands_for_that_of_the_base(box):
     found = box.replayed(
         [bare(box.rollout({}, seed), (*LACKING, "velocity", "gravity", "omega")) for seed in range(2)]
@@ -287,6 +299,7 @@ def test_a_velocity_of_motion_capture_stands_for_that_of_the_base(box):
 
 def test_a_loop_that_a_log_cannot_show_is_not_judged(box):
     trace = box.rollout({}, 1)
+    assert box.replayed([_later(trace, 20)]) is None
     assert box.replayed([bare(trace, (*LACKING, "tau"))]) is None
     assert box.replayed([bare(trace, ("q",))]) is None
     assert box.replayed([Trace(trace.times[::2], {"q": trace["q"][::2]}, {"q": "rad"})]) is None

@@ -123,10 +123,10 @@ def test_without_opengl_the_page_says_why_there_is_no_robot():
 def test_a_reader_who_points_at_a_plot_sees_its_numbers():
     found, spec = broken()
     page = diagnosis_page.render(found, spec)
-    told = re.findall(r'<g class="hover"><title>([^<]*)</title>', page)
-    assert "friction.force: now 1.5 N, breaks above 2.5 N (2 to 4 N)" in told
-    assert any(re.fullmatch(r"t = [\d.]+ s: real -?[\d.]+, simulated -?[\d.]+; x.*", one) for one in told)
-    assert any("of Δρ" in one for one in told)
+    titles = re.findall(r'<g class="hover"><title>([^<]*)</title>', page)
+    assert "friction.force: now 1.5 N, breaks above 2.5 N (2 to 4 N)" in titles
+    assert any(re.fullmatch(r"t = [\d.]+ s: real -?[\d.]+, simulated -?[\d.]+; x.*", one) for one in titles)
+    assert any("of Δρ" in one for one in titles)
     for figure in re.findall(r"<figure>.*?</figure>", page, re.S):
         assert "<title>" in figure
 

@@ -59,6 +59,8 @@ SURE = 0.95
 """Level: probability from which on a loop is named."""
 LOGS = 3
 """Budget: logs on whose state loops run; a run of the Go1 of 5 s takes a loop 10 ms."""
+FAR = 1e6
+"""Definition: stands for an action that is no number: the loop explains nothing there."""
 ROUNDS = 3
 """Budget: rounds of gains and σ."""
 
@@ -216,9 +218,7 @@ class Replay:
         motors = _Motors(position, speed, output.values, stated)
         sent = [_late(target, delay) for delay in DELAYS]
         best = min((motors.fit(one) for one in sent), key=self._size)
-        for one, other in pairwise(
-            sent
-        ):  # where a delay has jitter, some ticks have the target of another tick
+        for one, other in pairwise(sent):  # with jitter, some ticks have the target of another tick
             best = min(best, motors.fit(motors.nearest(one, other)), key=self._size)
         best = min(best, *(motors.fit(one) for one in _lagging(target)), key=self._size)
         if np.nanmean(best.left**2) > (EXPLAINED * self.size) ** 2:
@@ -233,11 +233,13 @@ class Replay:
 def replayed(logs: Sequence[Log]) -> Replayed | None:
     """Return what logs say of the loop; None where they have too little for it.
 
-    A log counts if its rows are control ticks from a reset on, and if it has the state behind every term and an output.
+    A log counts if its rows are control ticks from the reset at t = 0 on, with the state behind every term and an output.
+    Of logs with different outputs only those like the first count.
     """
-    usable = [log for log in logs if log.is_by_ticks and not lacking(log) and Output.of(log) is not None]
+    robot, kinds = logs[0].robot, [_kind(log) for log in logs]
+    first = next(filter(None, kinds), None)
+    usable = [log for log, kind in zip(logs, kinds, strict=True) if kind is not None and kind == first]
     usable = usable[:: max(1, -(-len(usable) // LOGS))]
-    robot = logs[0].robot
     if not usable or robot.policy is None or not robot.parts:
         return None
     replay = Replay(usable)
@@ -263,6 +265,14 @@ def replayed(logs: Sequence[Log]) -> Replayed | None:
         explained=share <= EXPLAINED,
         channels=frozenset().union(*(log.used for log in usable)),
     )
+
+
+def _kind(log: Log) -> tuple[str, bool] | None:
+    """Return what a log can be compared by; None where it cannot show its loop."""
+    begins = bool(len(log.trace)) and abs(float(log.trace.times[0])) < 0.5 * log.plan.step
+    if not begins or not log.is_by_ticks or lacking(log) or (output := Output.of(log)) is None:
+        return None
+    return output.name, output.target is not None
 
 
 def _with_second(replay: Replay, robot: Robot, found: list[tuple[Rival, float]]) -> list[tuple[Rival, float]]:
@@ -310,6 +320,7 @@ def actions(log: Log, plan: Plan, begun: int = 0) -> FloatArray:
     for tick in range(len(log)):
         seen = [observer.read(tick) for observer in (before, after)] if begun else [after.read(tick)]
         action = policy(seen[0] if tick < begun else seen[-1]).astype(np.float64)
+        action = np.nan_to_num(action, nan=FAR, posinf=FAR, neginf=-FAR)
         memory.last_action[:] = log.limited(action)
         made.append(action)
     return np.array(made)
