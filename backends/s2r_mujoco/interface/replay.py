@@ -233,8 +233,8 @@ class Replay:
 def replayed(logs: Sequence[Log]) -> Replayed | None:
     """Return what logs say of the loop; None where they have too little for it.
 
-    A log counts if its rows are control ticks from the reset at t = 0 on, with the state behind every term and an output.
-    Of logs with different outputs only those like the first count.
+    A log counts if its rows are control ticks from the reset at t = 0 on, and if it has an output and the state behind
+    every term. Of logs with different outputs only those like the first count.
     """
     robot, kinds = logs[0].robot, [_kind(log) for log in logs]
     first = next(filter(None, kinds), None)
