@@ -10,9 +10,11 @@ from s2r_spec.backend import HasResiduals
 from s2r_spec.base.errors import TraceError
 from s2r_spec.diagnose.data.rollouts import CUT, READ_AT
 from s2r_spec.diagnose.data.split import ENOUGH, TrainHeldOut
-from s2r_spec.diagnose.falls import Falls
+from s2r_spec.diagnose.gap.breaking import nearest_curves
+from s2r_spec.diagnose.gap.nominal import Nominal
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.simulator.bench import Bench, Test, TestRun, places_of
+from s2r_spec.diagnose.simulator.response import ResponseLibrary
 from s2r_spec.trace import SHOWN, Trace
 
 
@@ -21,14 +23,15 @@ def notes(
     rollouts: Sequence[TestRun],
     parts: TrainHeldOut,
     idle: Sequence[str] = (),
-    why: Falls | None = None,
+    why: str = "",
     odd: Sequence[Finding] = (),
     alone: Sequence[Test] = (),
 ) -> tuple[str, ...]:
     """Return what these rollouts lack for a diagnosis, a sentence each.
 
-    ``idle`` effects change nothing in any experiment. ``odd`` are suspected mistakes of the recordings. The simulator
-    ends early at the tests of ``alone``, and the machine does not.
+    ``idle`` effects change nothing in any experiment. ``why`` says what may have ended rollouts early
+    (:func:`early_ends`). ``odd`` are suspected mistakes of the recordings. The simulator ends early at the tests of
+    ``alone``, and the machine does not.
     """
     sentences = [each.text for each in odd]
     if idle:
@@ -78,7 +81,7 @@ def notes(
     return tuple(sentences)
 
 
-def _early_notes(rollouts: Sequence[TestRun], left_out: bool, why: Falls | None) -> Iterator[str]:
+def _early_notes(rollouts: Sequence[TestRun], left_out: bool, why: str) -> Iterator[str]:
     fell = [trace.failure is not None for _, trace in rollouts]
     if not any(fell):
         return
@@ -95,7 +98,50 @@ def _early_notes(rollouts: Sequence[TestRun], left_out: bool, why: Falls | None)
         early += f", and {'is' if sum(fell) == 1 else 'are'} left out"
     else:
         early += ". The cause also rests on their samples before the end, which say little"
-    yield early if why is None else f"{early}. {why}"
+    yield f"{early}. {why}" if why else early
+
+
+def early_ends(
+    bench: Bench, library: ResponseLibrary, rollouts: Sequence[TestRun], nominal: Nominal
+) -> tuple[str, list[Test]]:
+    """Return what may have ended real rollouts early, in a sentence, and the tests at which the simulator alone does.
+
+    An effect is suspected if the smallest of its simulated sizes that ends the simulator early at all tests at which
+    real rollouts ended early does so at a third of the other tests at most. What the simulator does at a test is what
+    it does at the nearest one of the library.
+    """
+    places = places_of([test for test, _ in rollouts])
+    fell = [any(rollouts[n][1].failure is not None for n in own) for own in places.values()]
+    early, stood = (
+        [dict(key) for key, own in zip(places, fell, strict=True) if own is of] for of in (True, False)
+    )
+    alone: list[Test] = [test for test in stood if nominal.ends(test)]
+    curves = nearest_curves(bench, library, places)
+    if not early or not stood or not curves:
+        return "", alone
+    if all(map(nominal.ends, early)):
+        return "The simulator ends early at these tests, too", alone
+    suspects = []
+    for k, axis in enumerate(library.parameters):
+        ends = [{*one[k].coordinates[one[k].ended].tolist()} if k in one else set[float]() for one in curves]
+        always = set.intersection(*(own for own, of in zip(ends, fell, strict=True) if of))
+        others = {x: sum(x in own for own, of in zip(ends, fell, strict=True) if not of) for x in always}
+        for side in ([x for x in always if x < 0.0], [x for x in always if x > 0.0]):
+            if side and 3 * others[least := min(side, key=abs)] <= len(stood):
+                value = f"{axis.value(least):.3g} {axis.unit}".rstrip()
+                suspects.append((abs(least), f"{axis.name} = {value}", others[least]))
+    suspects.sort()
+    if not suspects:
+        return (
+            "No simulated size of a single effect ends the simulator early at these tests and not at others",
+            alone,
+        )
+    few = max(count for *_, count in suspects[:SHOWN])
+    words = (
+        f"Each of these alone ends the simulator early at these tests, and at "
+        f"{f'at most {few}' if few else 'none'} of {len(stood)} other tests: {_some([name for _, name, _ in suspects])}"
+    )
+    return words, alone
 
 
 def _channels(bench: Bench, traces: Sequence[Trace]) -> Iterator[str]:

@@ -41,7 +41,6 @@ from s2r_spec.diagnose.diagnosis import Diagnosis, Which
 from s2r_spec.diagnose.estimation import Estimate, estimate, size_prior
 from s2r_spec.diagnose.experiment_design.identifiability import Candidate, InformationForecast, separations
 from s2r_spec.diagnose.experiment_design.next_test import next_test
-from s2r_spec.diagnose.falls import falls, falls_alone
 from s2r_spec.diagnose.gap.breaking import breaking_sizes
 from s2r_spec.diagnose.gap.held_out import held_out_gap
 from s2r_spec.diagnose.gap.materiality import compared_at_all_tests
@@ -56,7 +55,7 @@ from s2r_spec.diagnose.inference.estimates import (
     mean_sizes,
     with_status,
 )
-from s2r_spec.diagnose.notes import notes
+from s2r_spec.diagnose.notes import early_ends, notes
 from s2r_spec.diagnose.quality import Loop, certain_findings, likely_findings, unstated, with_loop_of
 from s2r_spec.diagnose.refusal import provenance, refusal
 from s2r_spec.diagnose.residuals.left import remainders
@@ -396,8 +395,6 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
     nominal = Nominal.of(work.counted("simulating all tests"), [test for test, _ in ordered], seed)
     if work.mistakes and work.files is not None:
         nominal = replace(nominal, files=Nominal.of(work.files, [test for test, _ in ordered], seed))
-    tell("where the simulator falls", 0, 0)
-    why, alone = falls(bench, axes, tests, nominal), falls_alone(tests, nominal)
     tell("estimating sizes", 0, 0)
     refine = partial(refined_at, bench.backend, data.responses, bench.pool, tell, work.cache)
     fitted = estimate(bench.backend, data.responses, data.train(bench), executor=bench.pool, refine=refine)
@@ -419,6 +416,7 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
         loop=work.loop,
     )
     upcoming = next_test(forecast, candidates) if with_status(sizes, Status.POSSIBLE) else None
+    why, alone = early_ends(bench, fitted.library, tests, nominal)
     lacking = notes(bench, tests, parts, data.responses.idle, why, odd, alone)
     return Diagnosis(
         Which(evidence, by_effects(fitted.posterior, axes), upcoming),

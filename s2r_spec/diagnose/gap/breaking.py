@@ -26,7 +26,7 @@ time).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -200,18 +200,14 @@ def breaking_sizes(
     bench: Bench, library: ResponseLibrary, rollouts: Sequence[TestRun], effects: Sequence[EffectEstimate]
 ) -> Breaking | None:
     """Return at which sizes the requirement breaks; None without real rollouts, or if no test of the library has ρ."""
-    tests = {
-        key_of(test): one.robustness
-        for one in library.responses
-        if one.robustness and (test := bench.matched.to_spec(one.experiment.values)) is not None
-    }
-    if not tests or not rollouts:
+    if not rollouts:
         return None
-    space, places = bench.spec.space, places_of([test for test, _ in rollouts])
+    places = places_of([test for test, _ in rollouts])
+    curves = nearest_curves(bench, library, places)
+    if not curves:
+        return None
     rho = np.array([bench.rho(trace, test) for test, trace in rollouts])
     real = [(dict(key), float(rho[own].mean())) for key, own in places.items()]
-    away = np.linalg.norm(_in_cube(space, places)[:, None] - _in_cube(space, tests), axis=2)
-    curves = [[*tests.values()][nearest] for nearest in away.argmin(axis=1)]
     found = {f"{one.effect}.{each.parameter}": each.size for one in effects for each in one.parameters}
     sizes = [
         _sizes(
@@ -224,6 +220,22 @@ def breaking_sizes(
     worst, lowest = min(real, key=lambda one: one[1])
     unit = bench.spec.unit(bench.requirement)
     return Breaking(lowest, unit, worst, tuple(sorted(sizes, key=lambda one: one.distance)))
+
+
+def nearest_curves(
+    bench: Bench, library: ResponseLibrary, tests: Collection[Key]
+) -> list[Mapping[int, RobustnessCurve]]:
+    """Return the curves of ρ at the test of the library that is nearest to each test; none if no test of it has ρ."""
+    known = {
+        key_of(test): one.robustness
+        for one in library.responses
+        if one.robustness and (test := bench.matched.to_spec(one.experiment.values)) is not None
+    }
+    if not known:
+        return []
+    space, curves = bench.spec.space, [*known.values()]
+    away = np.linalg.norm(_in_cube(space, tests)[:, None] - _in_cube(space, known), axis=2)
+    return [curves[nearest] for nearest in away.argmin(axis=1)]
 
 
 def _in_cube(space: Space, tests: Iterable[Key]) -> FloatArray:
