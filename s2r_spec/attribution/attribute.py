@@ -15,8 +15,6 @@ from s2r_spec.lang import formula as f
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 
-BINS = 300
-"""Budget: bins of a trace in JSON."""
 WINDOWS = 6
 """Definition: equal windows of time over which Δρ is summed."""
 
@@ -49,23 +47,6 @@ class Window:
     begin: float
     end: float
     delta: float
-
-
-@dataclass(frozen=True)
-class BinnedChannel:
-    """One channel of both traces, in the spec's unit: means over bins, and the part of each bin of Δρ."""
-
-    real: list[float]
-    simulated: list[float]
-    delta: list[float]
-
-
-@dataclass(frozen=True)
-class BinnedTraces:
-    """A real and a simulated trace, in bins of samples; ``begin`` is the start of each bin [s]."""
-
-    begin: list[float]
-    channels: dict[str, BinnedChannel]
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,27 +105,6 @@ class Attribution:
         """The window with the largest part; None if the end of a trace has a larger part."""
         largest = max(self.windows(), key=lambda each: abs(each.delta))
         return largest if abs(largest.delta) >= abs(self.ended) else None
-
-    def binned(self, most: int = BINS) -> BinnedTraces:
-        """Return means of the samples and sums of their parts, over bins of equal size."""
-        n = self.times.size
-        starts = np.unique(np.linspace(0, n, min(most, n) + 1).astype(int)[:-1])
-        counts = np.diff(np.append(starts, n))
-
-        def plain(values: FloatArray) -> list[float]:
-            return [float(f"{value:.6g}") for value in np.add.reduceat(values, starts)]
-
-        def means(samples: FloatArray) -> list[float]:
-            return plain(samples.astype(float) / np.repeat(counts, counts))
-
-        real, simulated = label_components(self.real), label_components(self.simulated)
-        return BinnedTraces(
-            [float(f"{time:.9g}") for time in self.times[starts]],
-            {
-                name: BinnedChannel(means(real[name]), means(simulated[name]), plain(values))
-                for name, values in self.credit.items()
-            },
-        )
 
 
 def attribute(

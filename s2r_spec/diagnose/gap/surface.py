@@ -86,31 +86,6 @@ class Beyond:
     within: dict[str, Ends]
 
 
-@dataclass(frozen=True)
-class GapOnLine:
-    """The gap on a line through the worst test, with bands of 95 %.
-
-    Attributes:
-        at: values of the parameter.
-        absolute: E|Δρ|.
-        absolute_low: end of its band.
-        absolute_high: end of its band.
-        signed: E Δρ.
-        signed_low: end of its band.
-        signed_high: end of its band.
-        exceeds: probability that E|Δρ| is above the tolerance; None if there is no tolerance.
-    """
-
-    at: list[float]
-    absolute: list[float]
-    absolute_low: list[float]
-    absolute_high: list[float]
-    signed: list[float]
-    signed_low: list[float]
-    signed_high: list[float]
-    exceeds: list[float] | None
-
-
 @dataclass(frozen=True, eq=False)
 class GapSurface(Shown):
     """Where in the test space the gap lies.
@@ -147,7 +122,7 @@ class GapSurface(Shown):
     exceeds: FloatArray | None
     notes: tuple[str, ...]
 
-    JSON = "worst worst_probability worst_within largest floor tolerance beyond=box_beyond along=lines notes"
+    JSON = "worst worst_probability worst_within largest floor tolerance beyond=box_beyond notes"
 
     @property
     def beyond(self) -> NDArray[np.bool_] | None:
@@ -167,17 +142,6 @@ class GapSurface(Shown):
         there = self.grid[self.beyond]
         ends = np.array([there.min(axis=0), there.max(axis=0)]).T.tolist() if there.size else ()
         return Beyond(float(self.beyond.mean()), dict(zip(self.space.names, ends, strict=False)))
-
-    @property
-    def lines(self) -> dict[str, GapOnLine]:
-        """Parameter → the gap on the line along it through the worst test."""
-        return {name: self._line(axis) for axis, name in enumerate(self.space.names)}
-
-    def _line(self, axis: int) -> GapOnLine:
-        on = self.along(axis)
-        a, low, high, b, least, most = (each[on].tolist() for each in (*self.absolute, *self.signed))
-        exceeds = None if self.exceeds is None else self.exceeds[on].tolist()
-        return GapOnLine(self.grid[on, axis].tolist(), a, low, high, b, least, most, exceeds)
 
 
 def grid_of(space: Space) -> FloatArray:

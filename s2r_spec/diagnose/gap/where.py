@@ -62,7 +62,6 @@ class Where(Shown):
         formula: the contributions of the sub-formulas, in written order.
         ended: part of Δρ that the common samples do not show.
         switch: the critical predicates of both traces; None if ρ depends on no predicate.
-        trace: samples of both traces.
         body: the parts of the machine whose motion their model does not explain; None if this is unknown.
         no_body: the reason why body is null, in a sentence; None if there is a body.
         traces: both rollouts at the worst test; None without a simulator. They are not in the JSON object.
@@ -77,7 +76,7 @@ class Where(Shown):
 
     JSON = (
         "space test delta=pair.delta time=pair.windows formula=pair.parts channels=pair.channels ended=pair.ended "
-        "switch=pair.switch trace=pair.binned body no_body"
+        "switch=pair.switch body no_body"
     )
 
 

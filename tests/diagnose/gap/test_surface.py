@@ -106,8 +106,7 @@ def test_a_corner_of_a_box(dim):
     assert result.worst["p0"] > 0.7
     assert result.worst["p1"] > 0.7
     assert any("0 of 25 tests" in note for note in result.notes)
-    assert set(to_json(result)["along"]) == set(space.names)
-    assert len(to_json(result)["along"]["p0"]["at"]) >= 5
+    assert len(result.along(0)) >= 5
 
 
 def test_one_rollout_at_one_test_says_so():
@@ -117,7 +116,6 @@ def test_one_rollout_at_one_test_says_so():
     plain = to_json(result)
     # What scatter alone would make is not known, so no gap is said to be beyond it.
     assert [plain[name] for name in ("floor", "tolerance", "beyond")] == [None] * 3
-    assert plain["along"]["vd"]["exceeds"] is None
 
 
 def test_what_cannot_be_asked():
