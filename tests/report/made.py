@@ -62,7 +62,6 @@ def made_up(space, tests):
     )
     worst = space.point(grid[0])
     ends = {name: (value, value) for name, value in worst.items()}
-    exceeds = np.ones(len(grid))
     return GapSurface(
         space,
         "m",
@@ -76,7 +75,6 @@ def made_up(space, tests):
         ends,
         LargestGap(0.05, 0.04, 0.06, "m"),
         0.02,
-        exceeds,
         (),
     )
 

@@ -73,19 +73,6 @@ class LargestGap:
     unit: str
 
 
-@dataclass(frozen=True)
-class Beyond:
-    """Tests at which the gap exceeds the tolerance.
-
-    Attributes:
-        share: the share of the test space.
-        within: parameter → ends of the box that contains these tests.
-    """
-
-    share: Probability
-    within: dict[str, Ends]
-
-
 @dataclass(frozen=True, eq=False)
 class GapSurface(Shown):
     """Where in the test space the gap lies.
@@ -103,7 +90,6 @@ class GapSurface(Shown):
         worst_within: parameter → central 90 % interval of the worst test.
         largest: E|Δρ| at the worst test.
         tolerance: twice the |Δρ| that scatter alone causes; None if no test was simulated twice.
-        exceeds: (m,) probability that E|Δρ| is above the tolerance; None without a tolerance.
         notes: limits of the data, each in one sentence.
     """
 
@@ -119,29 +105,14 @@ class GapSurface(Shown):
     worst_within: Mapping[str, Ends]
     largest: LargestGap
     tolerance: float | None
-    exceeds: FloatArray | None
     notes: tuple[str, ...]
 
-    JSON = "worst worst_probability worst_within largest floor tolerance beyond=box_beyond notes"
-
-    @property
-    def beyond(self) -> NDArray[np.bool_] | None:
-        """(m,) places where the gap exceeds the tolerance with probability 0.95 or more; None without a tolerance."""
-        return None if self.exceeds is None else self.exceeds >= 1.0 - LEVEL
+    JSON = "worst worst_probability worst_within largest floor tolerance notes"
 
     def along(self, axis: int) -> NDArray[np.intp]:
         """Return the places of the grid on the line along an axis through the worst test."""
         same = np.isclose(self.grid, self.space.vector(self.worst))
         return np.flatnonzero(np.delete(same, axis, axis=1).all(axis=1))
-
-    @property
-    def box_beyond(self) -> Beyond | None:
-        """Tests at which the gap exceeds the tolerance with probability 95 %; None if there is no tolerance."""
-        if self.beyond is None:
-            return None
-        there = self.grid[self.beyond]
-        ends = np.array([there.min(axis=0), there.max(axis=0)]).T.tolist() if there.size else ()
-        return Beyond(float(self.beyond.mean()), dict(zip(self.space.names, ends, strict=False)))
 
 
 def grid_of(space: Space) -> FloatArray:
@@ -192,7 +163,6 @@ def gap_surface(
     worst = space.at(distinct[near.argmax()])
     low, high = np.quantile(places, [0.05, 0.95], axis=0).tolist()
     perfect = floor(tests)
-    tolerance = None if perfect is None else 2.0 * perfect
     absolute = _band(size)
     least, most = np.quantile(largest, [LEVEL / 2, 1.0 - LEVEL / 2]).tolist()
     return GapSurface(
@@ -207,8 +177,7 @@ def gap_surface(
         float((np.abs(places - worst) <= 0.1 * (space.upper - space.lower) + 1e-12).all(axis=1).mean()),
         dict(zip(space.names, zip(low, high, strict=True), strict=True)),
         LargestGap(float(np.median(largest)), least, most, unit),
-        tolerance,
-        None if tolerance is None else (size > tolerance).mean(axis=0),
+        None if perfect is None else 2.0 * perfect,
         _notes(space, tests),
     )
 

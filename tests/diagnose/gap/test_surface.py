@@ -79,21 +79,15 @@ def test_a_gap_at_one_end_is_found_there_and_beyond_the_tolerance_there_only():
     assert result.worst_within["vd"][0] > 0.2
     assert floor(tests) == pytest.approx(2 * NOISE / math.sqrt(math.pi), rel=0.3)
     assert result.tolerance == 2 * result.floor
-    at = result.grid[result.beyond, 0]
-    assert at.min() > 0.05
-    assert at.max() == 0.3
     plain = to_json(result)
     assert json.loads(json.dumps(plain)) == plain
-    assert plain["beyond"]["within"]["vd"] == [at.min(), 0.3]
     assert plain["notes"] == []
     assert plain["largest"]["low"] < 0.04 < plain["largest"]["high"]
 
 
-def test_no_gap_is_beyond_no_tolerance():
+def test_no_gap_is_within_the_band():
     generator = np.random.default_rng(3)
     result = gap_surface(LINE, seen(LINE, lambda x: 0.0, np.linspace(-0.2, 0.3, 10), generator))
-    assert not result.beyond.any()
-    assert to_json(result)["beyond"] == {"share": 0.0, "within": {}}
     assert result.signed.lower.max() < 0 < result.signed.upper.min()
 
 
@@ -114,8 +108,8 @@ def test_one_rollout_at_one_test_says_so():
     assert any("at 1 test of a space with 1 parameter" in note for note in result.notes)
     assert result.floor is None
     plain = to_json(result)
-    # What scatter alone would make is not known, so no gap is said to be beyond it.
-    assert [plain[name] for name in ("floor", "tolerance", "beyond")] == [None] * 3
+    # What scatter alone would make is not known.
+    assert [plain[name] for name in ("floor", "tolerance")] == [None] * 2
 
 
 def test_what_cannot_be_asked():
