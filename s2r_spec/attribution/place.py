@@ -1,4 +1,4 @@
-"""Places in words: a window of time, a part of the machine, a phase of a cycle, and values of channels or parameters.
+"""Places in words: a window of time, a part of the machine, and values of channels or parameters.
 
 Every sentence on a place uses :class:`Place`. It names the time first, because a reader finds a place in a recording by
 its time. Numbers are rounded to the width of their range, so that a reader needs no more digits than the place has.
@@ -113,13 +113,11 @@ class Place:
     Attributes:
         time: from the start of a rollout [s]; None if time does not bound the place.
         part: of the machine, "FR calf"; "" for none.
-        phase: (begin, end) as parts of a cycle from 0 to 1; begin > end if it reaches into the next cycle.
         values: ranges of channels or of test parameters that hold together.
     """
 
     time: ValueRange | None = None
     part: str = ""
-    phase: tuple[float, float] | None = None
     values: tuple[ValueRange, ...] = ()
 
     def precedes(self, other: Place) -> bool:
@@ -133,18 +131,10 @@ class Place:
         """Return the place in words, time first: "from 0.5 to 0.6 s at FR calf, where q is between 0.1 and 0.12 m"."""
         values = " and ".join(filter(None, (one.in_values() for one in self.values)))
         when = "" if self.time is None else self.time.in_time()
-        if when == "throughout" and (values or self.phase):
+        if when == "throughout" and values:
             when = ""
         first = " ".join(filter(None, (when, f"at {self.part}" if self.part else "")))
-        return ", ".join(filter(None, (first, self._in_cycle(), f"where {values}" if values else "")))
-
-    def _in_cycle(self) -> str:
-        if self.phase is None:
-            return ""
-        begin, end = (_number(100 * part, 1.0) for part in self.phase)
-        if self.phase[0] > self.phase[1]:
-            return f"from {begin} % of each cycle to {end} % of the next"
-        return f"from {begin} to {end} % of each cycle"
+        return ", ".join(filter(None, (first, f"where {values}" if values else "")))
 
 
 def instant(time: float) -> str:

@@ -56,7 +56,7 @@ SETTLED = Separation(
 )
 MISSING = replace(SETTLED, powers=(Power(COAST, 3.2, True), Power(CHIRP, 1.0, False)))
 NEVER = replace(SETTLED, powers=(Power(CHIRP, 1.0, False),))
-NEXT = NextTest(CHIRP, (("friction", "delay"), ("friction",)), 4.1, 0.8)
+NEXT = NextTest(CHIRP, (("friction", "delay"), ("friction",)), 4.1)
 
 
 def far_of(dim, closed=0.95, size=0.3):

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from s2r_spec.backend.effects import catalogue_of
 from s2r_spec.base.arrays import FloatArray
-from s2r_spec.base.json_types import Count, Probability
+from s2r_spec.base.json_types import Count
 from s2r_spec.base.json_values import Shown
 from s2r_spec.diagnose.gap import FEWEST, LEVEL, SHOTS
 from s2r_spec.diagnose.gap.materiality import Materiality, mean_difference
@@ -93,7 +93,6 @@ class HeldOutGap(Shown):
         background: the largest gap that small amounts of all effects make in 19 of 20 machines.
         share: part of the gap above the floor that the named effects close.
         tuned_share: the same share for the tuned simulator.
-        tests_with_a_larger_gap_at_most: part of all tests, with 95 % confidence.
         tests: the signed gap of each held-out test.
         seen: the gap of the nominal simulator at the tests that were not held out.
         closed_there: both shares where the gap shows; None if that is at all held-out tests, or nowhere.
@@ -108,14 +107,13 @@ class HeldOutGap(Shown):
     background: float
     share: Share | None
     tuned_share: Share | None
-    tests_with_a_larger_gap_at_most: Probability
     tests: tuple[HeldOut, ...]
     seen: Gap | None = None
     closed_there: ClosedThere | None = None
 
     JSON = (
         "rollouts unit before after tuned floor background share tuned_share closed_there tests seen material "
-        "elsewhere tests_with_a_larger_gap_at_most"
+        "elsewhere"
     )
 
     @property
@@ -347,7 +345,6 @@ def compare(
         background=background,
         share=share_closed(nominal, patched[0], groups, floor) if patched else None,
         tuned_share=share_closed(nominal, tuned, groups, floor),
-        tests_with_a_larger_gap_at_most=1.0 - LEVEL ** (1.0 / len(distinct)),
         tests=tuple(HeldOut(*each) for each in zip(distinct, counts, signed[0], after, strict=True)),
         seen=seen,
     )
