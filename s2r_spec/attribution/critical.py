@@ -1,25 +1,14 @@
-"""The predicate and sample that decide ρ of each trace, and bounds on Δρ that follow from them.
-
-Let c_s and c_r decide ρ of the simulated and of the real trace, and let v be the margin. If ρ is a minimum of margins,
-
-    v_real(c_r) − v_sim(c_r) ≤ Δρ ≤ v_real(c_s) − v_sim(c_s).
-
-The left side holds because ρ_real = v_real(c_r) and ρ_sim ≤ v_sim(c_r). The right side follows in the same way with the
-traces exchanged. If ρ is a maximum of margins, the two bounds change places. Other formulas have no such bounds.
-"""
+"""The predicate and sample that decide ρ of each trace."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 from s2r_spec.attribution.path import Path
 from s2r_spec.attribution.place import instant
-from s2r_spec.base.json_values import Ends, Shown
+from s2r_spec.base.json_values import Shown
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.deciding import DescentStep
-
-Kind = Literal["either", "min", "max", "mixed"]
 
 
 @dataclass(frozen=True)
@@ -50,15 +39,13 @@ class Switch(Shown):
     """The predicates that decide ρ in simulation and on the real machine.
 
     Attributes:
-        bounds: bounds on Δρ; None if ρ is neither a minimum nor a maximum of margins.
         words: the same in a sentence.
     """
 
     simulated: Critical
     real: Critical
-    bounds: Ends | None
 
-    JSON = "simulated real switches bounds words=__str__"
+    JSON = "simulated real switches words=__str__"
 
     @property
     def switches(self) -> bool:
@@ -92,39 +79,4 @@ def switch(path: Path) -> Switch | None:
             path.value(last, end.algebra),
         )
 
-    simulated, real = critical(start.steps), critical(end.steps)
-    changes = real.real - real.simulated, simulated.real - simulated.simulated
-    over = kind(path.pair.formula)
-    return Switch(simulated, real, None if over == "mixed" else changes[::-1] if over == "max" else changes)
-
-
-def kind(formula: f.Formula, negated: bool = False) -> Kind:
-    """Return whether ρ of a formula, or of its negation, is one margin, or a minimum, a maximum or a mix of margins."""
-    least: Kind = "max" if negated else "min"
-    most: Kind = "min" if negated else "max"
-    match formula:
-        case f.Named() | f.Rescale() | f.AdjacentSample():
-            return kind(formula.operand, negated)
-        case f.Not():
-            return kind(formula.operand, not negated)
-        case f.Junction():
-            over = least if formula.operator == "and" else most
-            return _join(over, *(kind(operand, negated) for operand in formula.operands))
-        case f.Implication():
-            if formula.operator == "<->":
-                return "mixed"
-            return _join(most, kind(formula.left, not negated), kind(formula.right, negated))
-        case f.Temporal():
-            over = least if formula.operator in ("always", "historically") else most
-            return _join(over, kind(formula.operand, negated))
-        case f.Edge():
-            inner = kind(formula.operand)
-            return least if inner == "either" else "mixed"
-        case f.Until():
-            return "mixed"
-        case _:
-            return "either"
-
-
-def _join(over: Kind, *parts: Kind) -> Kind:
-    return over if all(part in ("either", over) for part in parts) else "mixed"
+    return Switch(critical(start.steps), critical(end.steps))

@@ -1,4 +1,4 @@
-"""Attribution adds up to Δρ, on random formulas and on real ones, and the sandwich holds."""
+"""Attribution adds up to Δρ, on random formulas and on real ones."""
 
 import math
 from pathlib import Path
@@ -9,7 +9,6 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from s2r_spec.attribution.attribute import attribute
-from s2r_spec.attribution.critical import kind
 from s2r_spec.attribution.path import Path as Straight
 from s2r_spec.base.json_values import line
 from s2r_spec.errors import TraceError
@@ -35,7 +34,7 @@ def pairs(draw):
 
 @settings(max_examples=examples(60), deadline=None)
 @given(pair=pairs())
-def test_parts_add_up_and_the_sandwich_holds(pair):
+def test_parts_add_up(pair):
     case, real, simulated = pair
     spec = parse_spec(case.text)
     try:
@@ -50,12 +49,6 @@ def test_parts_add_up_and_the_sandwich_holds(pair):
     predicates = sum(part.amount for part in found.parts if part.predicate)
     assert predicates == pytest.approx(found.delta, abs=1e-9)
     line(found.switch)
-    if found.switch is not None:
-        if kind(spec.formulas["it"]) == "mixed":
-            assert found.switch.bounds is None
-        else:
-            low, high = found.switch.bounds
-            assert low - 1e-9 <= found.delta <= high + 1e-9
 
 
 def test_crossings_ever_nearer_to_one_end_are_no_endless_way(monkeypatch):
@@ -101,8 +94,6 @@ def test_the_a1s_spec_sums_to_rounding_and_names_what_switches():
     assert [text[slice(*part.span)] for part in found.parts if part.predicate] == [
         "overshoot(vx, vd) <= tol_o", "abs(vx - vd) <= tol_s",
     ]  # fmt: skip
-    low, high = found.switch.bounds
-    assert low <= found.delta <= high
     assert found.switch.switches
     assert (found.switch.simulated.predicate, found.switch.simulated.name) == (
         "overshoot(vx, vd) <= tol_o",
@@ -173,7 +164,6 @@ def test_curved_predicates_to_rounding():
         )
         found = attribute(spec, "it", real, simulated, {})
         assert abs(found.error) < 1e-9
-        assert found.switch.bounds is None
 
 
 def test_an_infinite_rho_is_left_alone():
@@ -183,20 +173,3 @@ def test_an_infinite_rho_is_left_alone():
     assert math.isnan(found.delta)
     assert found.over_time.tolist() == [0.0, 0.0, 0.0]
     assert found.switch is None
-
-
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("x > 0", "either"),
-        ("always (x > 0 and not eventually x < 3)", "min"),
-        ("eventually (x > 0 or not historically x < 3)", "max"),
-        ("x > 0 -> eventually x > 1", "max"),
-        ("always (x > 0 -> x > 1)", "mixed"),
-        ("rise(x > 0)", "min"),
-        ("x > 0 until x > 1", "mixed"),
-        ("not (x > 0 <-> x > 1)", "mixed"),
-    ],
-)
-def test_what_kind_of_extremum_rho_is(text, expected):
-    assert kind(parse_spec(f"signal x require it: {text}").formulas["it"]) == expected
