@@ -1,15 +1,17 @@
-"""The answer from recordings that no machine can explain: their mistakes, and no estimate."""
+"""What is not diagnosed: recordings that no machine can explain, and a simulator that keeps state between rollouts."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 from s2r_spec.base.distribution import version
+from s2r_spec.base.errors import S2RError, UsageError
 from s2r_spec.diagnose.data.rollouts import RealRollouts
 from s2r_spec.diagnose.decision import Evidence
 from s2r_spec.diagnose.diagnosis import Diagnosis, Provenance, Which
 from s2r_spec.diagnose.quality import Finding
 from s2r_spec.diagnose.simulator.bench import Bench
+from s2r_spec.runs.repeatability import check_here, is_repeated
 
 
 def refusal(
@@ -39,3 +41,20 @@ def provenance(bench: Bench, seed: int, rollouts: RealRollouts, held_out: int) -
         "rollouts": len(rollouts.tests) + len(rollouts.protocols),
         "held_out": held_out,
     }
+
+
+def refuse_memory(bench: Bench, seed: int) -> None:
+    """Refuse a simulator that is declared as deterministic, and gives other bits when a rollout is repeated."""
+    if not is_repeated(bench.backend):
+        return
+    space = bench.spec.space
+    test, other = (bench.matched.to_backend(space.point(corner)) for corner in (space.upper, space.lower))
+    try:
+        differences = check_here(bench.backend, test, other, seed, elsewhere=False)
+    except S2RError:  # it may not run at a corner; the diagnosis names a rollout that it needs
+        return
+    if differences:
+        raise UsageError(
+            f"no diagnosis: {bench.backend.name} is declared as deterministic, but the test {dict(test)} with seed "
+            f"{seed} gives other bits when it is repeated. {differences}"
+        )

@@ -20,13 +20,12 @@ from pathlib import Path
 
 from s2r_spec.backend import Backend, HasLoop, HasRecordings, load_backend
 from s2r_spec.backend.effects import catalogue_of
-from s2r_spec.backend.protocols import HasProtocols, protocol_of
-from s2r_spec.base.errors import S2RError, UsageError
+from s2r_spec.backend.protocols import protocol_of
 from s2r_spec.certify.arguments import as_folder, as_rollouts, as_simulator, as_spec
 from s2r_spec.diagnose.data.campaign import BUDGET, campaign, plan, smallest_with_held_out
 from s2r_spec.diagnose.data.cost import Cost, Expected, of_library, on_machine, planned_held_out
-from s2r_spec.diagnose.data.journal import CampaignJournal
-from s2r_spec.diagnose.data.protocols import allowed_experiments
+from s2r_spec.diagnose.data.journal import campaign_seed
+from s2r_spec.diagnose.data.protocols import allowed_experiments, with_protocols_of
 from s2r_spec.diagnose.data.rollouts import (
     RealRollouts,
     Rollouts,
@@ -45,7 +44,7 @@ from s2r_spec.diagnose.gap.breaking import breaking_sizes
 from s2r_spec.diagnose.gap.held_out import held_out_gap
 from s2r_spec.diagnose.gap.materiality import compared_at_all_tests
 from s2r_spec.diagnose.gap.nominal import Nominal
-from s2r_spec.diagnose.gap.where import Pairs, Where, locate
+from s2r_spec.diagnose.gap.where import located
 from s2r_spec.diagnose.inference.estimates import (
     EffectEstimate,
     Status,
@@ -57,11 +56,10 @@ from s2r_spec.diagnose.inference.estimates import (
 )
 from s2r_spec.diagnose.notes import early_ends, notes
 from s2r_spec.diagnose.quality import Loop, certain_findings, likely_findings, unstated, with_loop_of
-from s2r_spec.diagnose.refusal import provenance, refusal
+from s2r_spec.diagnose.refusal import provenance, refusal, refuse_memory
 from s2r_spec.diagnose.residuals.left import remainders
 from s2r_spec.diagnose.rivals import rival_loops
-from s2r_spec.diagnose.simulator.axes import Values
-from s2r_spec.diagnose.simulator.bench import Bench, TestRun, refuse_machine, travels
+from s2r_spec.diagnose.simulator.bench import Bench, refuse_machine, travels
 from s2r_spec.diagnose.simulator.cache import Cache
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import library, most_rollouts, refined_at
@@ -69,9 +67,7 @@ from s2r_spec.diagnose.simulator.open_loop import OpenLoop
 from s2r_spec.diagnose.simulator.response import ResponseLibrary
 from s2r_spec.diagnose.simulator.score import Score
 from s2r_spec.diagnose.watched import Progress, Watched
-from s2r_spec.runs.repeatability import check_here, is_repeated
 from s2r_spec.runs.scorer import adapt_to_spec
-from s2r_spec.runs.seeds import NEW_SEED, SeedStream, inherited_seed, rollout_seed
 from s2r_spec.space import key_of
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
@@ -158,7 +154,7 @@ def diagnose(
         real = real if isinstance(real, Backend) else list(real)
         sim = OpenLoop.of(sim, spec, recorded_inputs(spec, requirement, sim, real))
     bench = Bench.of(spec, requirement, sim)
-    seed, tell = _seed_of(folder, seed), Watched(progress or (lambda stage, done, of: None))
+    seed, tell = campaign_seed(folder, seed), Watched(progress or (lambda stage, done, of: None))
     pooled = bench.backend.cost > HERE and travels(bench)
     with keep_open(executor if pooled else None) as pool, tell.watching():
         work = _Work(replace(bench, pool=pool), seed, tell, kept)
@@ -180,30 +176,6 @@ def diagnose(
             work, data = _with_rival_loop(work, data, protocols, passive)
             diagnosis = _answer(work, data, where)
     return replace(diagnosis, notes=(*diagnosis.notes, *dict.fromkeys(kept.notes)), spec=spec, real=called)
-
-
-def _seed_of(folder: Path | None, seed: int | None) -> int:
-    """Return the seed of the campaign in a folder, or that of a new one."""
-    if folder is not None and (recorded := CampaignJournal.seed_in(folder)) is not None:
-        seed = inherited_seed(folder, recorded, seed)
-    return NEW_SEED if seed is None else seed
-
-
-def _refuse_memory(bench: Bench, seed: int) -> None:
-    """Refuse a simulator that is declared as deterministic, and gives other bits when a rollout is repeated."""
-    if not is_repeated(bench.backend):
-        return
-    space = bench.spec.space
-    test, other = (bench.matched.to_backend(space.point(corner)) for corner in (space.upper, space.lower))
-    try:
-        differences = check_here(bench.backend, test, other, seed, elsewhere=False)
-    except S2RError:  # it may not run at a corner; the diagnosis names a rollout that it needs
-        return
-    if differences:
-        raise UsageError(
-            f"no diagnosis: {bench.backend.name} is declared as deterministic, but the test {dict(test)} with seed "
-            f"{seed} gives other bits when it is repeated. {differences}"
-        )
 
 
 @dataclass(frozen=True)
@@ -287,7 +259,7 @@ def _campaign(
     tests = star(bench.spec.space)
     runnable, refusals = allowed_experiments(bench.backend, machine, () if passive else protocols)
     fixed = plan(bench, tests, runnable, BUDGET if budget is None else budget, work.seed)
-    others = () if passive else _protocols(bench, runnable)
+    others = () if passive else with_protocols_of(bench.backend, runnable)
     middle = representative(fixed.tests.values(), bench.spec.space)
     studied = tests if runnable else middle
     work.tell.expect(
@@ -298,7 +270,7 @@ def _campaign(
             smallest_with_held_out(bench.spec.space.dim),
         )
     )
-    _refuse_memory(bench, work.seed)
+    refuse_memory(bench, work.seed)
     # The library comes first: a simulator that cannot be diagnosed costs no rollout of the machine.
     if not runnable:
         work.library([as_experiment(bench, test) for test in middle[:1]])
@@ -328,7 +300,7 @@ def _campaign(
 def _recordings(work: _Work, rollouts: RealRollouts, protocols: Sequence[str] | None, passive: bool) -> _Data:
     run = list(dict.fromkeys(experiment for experiment, _ in rollouts.protocols))
     runnable, _ = allowed_experiments(work.bench.backend, work.bench.backend, () if passive else protocols)
-    others = () if passive else _protocols(work.bench, [*run, *runnable])
+    others = () if passive else with_protocols_of(work.bench.backend, [*run, *runnable])
     return _data_of_tests(work, rollouts, [*run, *others], frozenset([*run, *runnable]))
 
 
@@ -363,19 +335,13 @@ def _data_of_tests(
     if not where:
         held_out = len({key_of(test) for test, _ in parts.held_out})
         work.tell.expect(lambda: Cost(None, work.simulated(needed), held_out))
-        _refuse_memory(bench, work.seed)
+        refuse_memory(bench, work.seed)
     responses = work.library(needed, where)
     different = len({key_of(test) for test in run})
     if different > len(tests):
         note = f"sizes come from the runs at {len(tests)} of the {different} recorded tests, which fill the space"
         rollouts = replace(rollouts, notes=(*rollouts.notes, note))
     return _Data(rollouts, parts, responses, allowed | frozenset(experiments))
-
-
-def _protocols(bench: Bench, runnable: Sequence[Experiment]) -> list[Experiment]:
-    have = {experiment.protocol for experiment in runnable}
-    own = bench.backend.protocols() if isinstance(bench.backend, HasProtocols) else ()
-    return [*runnable, *(Experiment(protocol.name) for protocol in own if protocol.name not in have)]
 
 
 def _sizes(work: _Work, estimate: Estimate) -> tuple[EffectEstimate, ...]:
@@ -420,7 +386,7 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
     lacking = notes(bench, tests, parts, data.responses.idle, why, odd, alone)
     return Diagnosis(
         Which(evidence, by_effects(fitted.posterior, axes), upcoming),
-        _locate(work, used, tuned) if want_where and used else None,
+        located(bench, used, tuned, seed, tell) if want_where and used else None,
         tuned,
         provenance(bench, seed, data.rollouts, len(parts.held_out)),
         ASSUMPTIONS,
@@ -428,15 +394,3 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
         passive=not data.rollouts.protocols,
         breaking=breaking_sizes(bench, fitted.library, tests, sizes),
     )
-
-
-def _locate(work: _Work, rollouts: Sequence[TestRun], improved: Values) -> Where:
-    bench, real, simulated = work.bench, [], []
-    for number, (test, trace) in enumerate(rollouts):
-        other = bench.run({}, test, rollout_seed(work.seed, number, 0, SeedStream.CHECK))
-        real.append((trace, bench.rho(trace, test)))
-        simulated.append((other, bench.rho(other, test)))
-        work.tell("where", number + 1, len(rollouts))
-    work.tell("where in the machine and between the tests", 0, 0)
-    pairs = Pairs([test for test, _ in rollouts], real, simulated)
-    return locate(bench.spec, bench.requirement, pairs, work.seed, bench, improved)

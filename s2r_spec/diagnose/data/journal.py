@@ -185,3 +185,10 @@ def seed_of(run: Path | None, seed: int | None) -> int:
         if recorded is not None:
             return inherited_seed(run, recorded, seed)
     return NEW_SEED if seed is None else seed
+
+
+def campaign_seed(folder: Path | None, seed: int | None) -> int:
+    """Return the seed of the campaign in a folder, or that of a new one; a UsageError refuses another one."""
+    if folder is not None and (recorded := CampaignJournal.seed_in(folder)) is not None:
+        return inherited_seed(folder, recorded, seed)
+    return NEW_SEED if seed is None else seed

@@ -52,6 +52,13 @@ def allowed_experiments(
     return tuple(experiments), tuple(notes)
 
 
+def with_protocols_of(backend: Backend, runnable: Sequence[Experiment]) -> list[Experiment]:
+    """Return experiments, and after them the simulator's other protocols at their defaults."""
+    have = {experiment.protocol for experiment in runnable}
+    own = backend.protocols() if isinstance(backend, HasProtocols) else ()
+    return [*runnable, *(Experiment(protocol.name) for protocol in own if protocol.name not in have)]
+
+
 def next_words(bench: Bench, experiment: Experiment, robot: object = None, path: Path | None = None) -> str:
     """Return which experiment to run next.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -18,7 +18,7 @@ from s2r_spec.diagnose.gap.materiality import RolloutsAtTest
 from s2r_spec.diagnose.gap.surface import COUNTS, GapSurface, Predicted, gap_surface, grid_of, in_cube
 from s2r_spec.diagnose.residuals.shifts import Body, Residuals, shifts
 from s2r_spec.diagnose.simulator.axes import Values
-from s2r_spec.diagnose.simulator.bench import Bench, Test, places_of, table, with_seeds
+from s2r_spec.diagnose.simulator.bench import Bench, Test, TestRun, places_of, table, with_seeds
 from s2r_spec.runs.seeds import SeedStream, rollout_seed
 from s2r_spec.space import key_of
 from s2r_spec.spec import Spec
@@ -117,6 +117,25 @@ def locate(
     shown = pairs.real[first][0], pairs.simulated[first][0]
     traces = WorstPair(bench.backend, bench.matched.to_backend(worst.params), *shown)
     return Where(space, dict(worst.params), pair, *body_of(bench, pairs, seed), traces)
+
+
+def located(
+    bench: Bench,
+    rollouts: Sequence[TestRun],
+    improved: Values,
+    seed: int,
+    progress: Callable[[str, int, int], None],
+) -> Where:
+    """Return where the gap lies, from real rollouts and as many of the nominal simulator; see :func:`locate`."""
+    real, simulated = [], []
+    for number, (test, trace) in enumerate(rollouts):
+        other = bench.run({}, test, rollout_seed(seed, number, 0, SeedStream.CHECK))
+        real.append((trace, bench.rho(trace, test)))
+        simulated.append((other, bench.rho(other, test)))
+        progress("where", number + 1, len(rollouts))
+    progress("where in the machine and between the tests", 0, 0)
+    pairs = Pairs([test for test, _ in rollouts], real, simulated)
+    return locate(bench.spec, bench.requirement, pairs, seed, bench, improved)
 
 
 def predict(bench: Bench, values: Values, tests: Sequence[Test], seed: int) -> Predicted:
