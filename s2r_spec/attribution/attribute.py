@@ -64,7 +64,6 @@ class Attribution:
         parts: the sub-formulas from the requirement down to its predicates, in written order.
         ended: the part that is not in the common samples: a fall, or samples after the end of the shorter trace.
         reason: what ended the shorter trace; "" if both end together.
-        jumps: the part of Δρ from jumps of booleans, counts and signs.
         error: the rest: rounding, or all of Δρ if ρ is infinite.
         switch: the critical predicates of both traces; None if no predicate decides ρ.
     """
@@ -79,7 +78,6 @@ class Attribution:
     parts: tuple[FormulaShare, ...]
     ended: float
     reason: str
-    jumps: float
     error: float
     switch: Switch | None
 
@@ -130,7 +128,6 @@ def attribute(
         parts=parts(pair.formula, pieces),
         ended=pair.ended,
         reason=pair.reason,
-        jumps=sum(piece.amount for piece in pieces if piece.jump),
         error=pair.delta - pair.ended - sum(float(values.sum()) for values in credit.values()),
         switch=switch(path),
     )

@@ -49,13 +49,11 @@ class PathPiece:
         steps: from the requirement down to the predicate.
         amount: the change of ρ.
         credit: signal → (width, n) parts of the change, which add up to ``amount``.
-        jump: whether ρ jumps here.
     """
 
     steps: tuple[DescentStep, ...]
     amount: float
     credit: Mapping[str, FloatArray]
-    jump: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,7 +205,7 @@ class Path:
             nearest = np.argmin(np.abs(columns - steps[-1].sample))
             near[rows[nearest], columns[nearest]] = share * amount
             credit[name] = near
-        yield PathPiece(steps, amount, credit, jump=True)
+        yield PathPiece(steps, amount, credit)
 
 
 def _is_curved(node: f.Node) -> bool:

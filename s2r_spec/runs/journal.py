@@ -15,7 +15,6 @@ note says so, the line is dropped, and its rollout runs again. Damage anywhere e
 
 Each line ends with the CRC-32 of itself and all lines before it, and holds the CRC-32 of its trace file. So a changed
 number, a missing line and an exchanged trace are found. The checksums detect accidents; they are not signatures.
-Journals of schema 1 have no checksums, and older ones of schema 2 have none of traces; both can be read.
 """
 
 from __future__ import annotations
@@ -40,7 +39,6 @@ from s2r_spec.runs.machine_journal import Attempt, Attempts, Void
 from s2r_spec.trace import Trace
 
 SCHEMA = "s2r.journal/2"
-UNCHECKED = "s2r.journal/1"
 
 
 @dataclass(frozen=True)
@@ -73,11 +71,11 @@ class Journal:
     stay as they are.
     """
 
-    def __init__(self, folder: Path, header: Mapping[str, Any], checksum: int | None, note: str = "") -> None:
+    def __init__(self, folder: Path, header: Mapping[str, Any], checksum: int, note: str = "") -> None:
         self.folder, self.path, self.header, self.note = folder, folder / FILE, dict(header), note
         self._entries: dict[lines.Key, _Entry] = {}
         self._attempts, self._lines = Attempts(), 1
-        self._checksum = checksum  # of all lines so far; None in a journal of schema 1
+        self._checksum = checksum  # of all lines so far
 
     @classmethod
     def create(cls, folder: Path, header: Mapping[str, Any], texts: Mapping[str, str]) -> Journal:
@@ -154,13 +152,12 @@ class Journal:
             raise JournalError(f"no run to resume at {folder}: {error.strerror or error} ({path})") from error
         note = f"{path}: the last line is incomplete; s2r drops it and runs its rollout again" if rest else ""
         parsed = [lines.parse(path, number, text) for number, text in enumerate(texts, 1)]
-        if not parsed or parsed[0].get("schema") not in (SCHEMA, UNCHECKED):
+        if not parsed or parsed[0].get("schema") != SCHEMA:
             raise JournalError(
                 f"{path}:1: the schema is not {SCHEMA}, so this is not an s2r journal; begin a new run"
             )
         header = {key: value for key, value in parsed[0].items() if key not in ("schema", lines.SUM)}
-        checksum = None if parsed[0]["schema"] == UNCHECKED else lines.check(path, texts)
-        journal = cls(folder, header, checksum, note)
+        journal = cls(folder, header, lines.check(path, texts), note)
         for number, line in enumerate(parsed[1:], 2):
             journal._read_line(number, line)
         journal._lines = len(parsed)
@@ -266,7 +263,7 @@ class Journal:
     def check_traces(self) -> None:
         """Check every trace file against its checksum in the journal.
 
-        A missing file is not an error, because the journal holds ρ. Older journals have no checksums of traces.
+        A missing file is not an error, because the journal holds ρ.
 
         Raises:
             JournalError: a file differs from its checksum.

@@ -84,11 +84,9 @@ def parse(path: Path, number: int, line: bytes) -> dict[str, Any]:
     return value
 
 
-def encode(value: Mapping[str, Any], before: int | None) -> tuple[bytes, int | None]:
-    """Return a line and its checksum, continued from the checksum ``before``; without a checksum if that is None."""
+def encode(value: Mapping[str, Any], before: int) -> tuple[bytes, int]:
+    """Return a line and its checksum, continued from the checksum ``before``."""
     body = json.dumps(value, allow_nan=False).encode()[:-1]
-    if before is None:
-        return body + b"}", None
     checksum = zlib.crc32(body, before)
     return body + b', "crc32": "%08x"}' % checksum, checksum
 

@@ -5,7 +5,7 @@
     imports/0.stl     text of the first import, …
 
 Files of imports have numbers instead of names. A name such as ``journal.jsonl`` would break the run, and a path above
-the specification's folder would lie outside it. Older runs store each import under its own name.
+the specification's folder would lie outside it.
 """
 
 from __future__ import annotations

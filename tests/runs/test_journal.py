@@ -91,20 +91,6 @@ def test_a_line_that_was_taken_out_is_missed(journal):
         Journal.resume(journal.folder, HEADER)
 
 
-def test_a_journal_from_before_checksums_is_read_and_gone_on_with(journal):
-    lines = [json.loads(line) for line in lines_of(journal)]
-    for line in lines:
-        del line["crc32"]
-    lines[0]["schema"] = "s2r.journal/1"
-    text = "".join(json.dumps(line) + "\n" for line in lines)
-    (journal.folder / FILE).write_text(text)
-    again = Journal.resume(journal.folder, HEADER)
-    assert again.records() == journal.records()
-    again.append(record(3), None)
-    assert (journal.folder / FILE).read_text().startswith(text)
-    assert len(Journal.resume(journal.folder, HEADER)) == 4
-
-
 @pytest.mark.parametrize(
     ("change", "facts"),
     [

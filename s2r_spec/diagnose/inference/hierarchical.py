@@ -133,8 +133,11 @@ class Groups:
         return cls(*(np.concatenate(each) for each in zip(*rows, strict=True)))
 
     def law_prior(self, variances: Variances, theta: FloatArray) -> FloatArray:
-        """Return (G, D) the diagonal of T_g at (K,) θ."""
-        return law_prior(variances, self.coherent, theta, self.gram.shape[1])
+        """Return (G, D) the diagonal of T_g for (G,) ρ_g and (K,) θ."""
+        columns = self.gram.shape[1]
+        sizes = np.concatenate([theta**2, np.zeros(columns - theta.size)])
+        amounts = _amounts(columns, theta.size)
+        return np.asarray(variances.law[:, None] * amounts + self.coherent[:, None] ** 2 * sizes)
 
     def variances(self, theta: FloatArray, start: Variances, rounds: int = 3) -> Variances:
         """Return s_g² and τ_g² at the mode of their marginal posterior, after so many rounds of the fixed point."""
@@ -275,13 +278,6 @@ class Likelihood:
         return Likelihood(
             np.asarray((solved[:, :-1] + solved[:, :-1].T) / 2.0), np.asarray(solved[:, -1]), value
         )
-
-
-def law_prior(variances: Variances, coherent: FloatArray, theta: FloatArray, columns: int) -> FloatArray:
-    """Return (G, D) the diagonal of T_g for (G,) ρ_g and (K,) θ."""
-    sizes = np.concatenate([theta**2, np.zeros(columns - theta.size)])
-    amounts = _amounts(columns, theta.size)
-    return np.asarray(variances.law[:, None] * amounts + coherent[:, None] ** 2 * sizes)
 
 
 def _amounts(columns: int, effects: int) -> FloatArray:

@@ -12,6 +12,10 @@ over the column, v² how much the column varies over time, and w² the sum of wh
 *material* above 1. A residual of the equations of motion shows where a cause acts. A channel of a closed loop also
 shows the reaction, which goes on after the cause. So beside residuals a channel counts by the part EXPLAINS.
 
+A remainder of a residual has the *frequency* with most of the power of the difference: the largest value of the mean of
+the periodograms of the tests, under Hann windows and without their means (Welch, *IEEE Transactions on Audio and
+Electroacoustics* 15 (1967) 70). A compliance shows at its resonance, a friction at the frequency of the motion.
+
 Units: those of each quantity; a surplus has none.
 """
 
@@ -34,7 +38,6 @@ from s2r_spec.base.json_values import Ends, Shown
 from s2r_spec.base.quantity import signed_quantity
 from s2r_spec.diagnose.gap import FEWEST, LEVEL, SHOTS
 from s2r_spec.diagnose.residuals.cells import CELLS, Cell, CellColumn, Cells, part_names, path, widths_of
-from s2r_spec.diagnose.residuals.spectrum import peak_frequency
 from s2r_spec.diagnose.simulator.axes import EffectAxis, Values
 from s2r_spec.diagnose.simulator.bench import (
     Bench,
@@ -62,6 +65,8 @@ TAIL = 0.2
 allowed, as with an exponential tail."""
 REPORTED = 5
 """Definition: largest remainders that are kept."""
+FINEST = 16
+"""Budget: fewest samples of a series whose spectrum counts."""
 
 
 @dataclass(frozen=True)
@@ -238,6 +243,17 @@ def _with_frequency(
         real, own = (np.interp(times, t.times - t.times[0], x) for t, x in zip(both, values, strict=True))
         series.append(real - own)
     return replace(one, frequency=peak_frequency(series, period))
+
+
+def peak_frequency(series: Sequence[FloatArray], period: float) -> float | None:
+    """Return the frequency [Hz] with most of the power of series, ``period`` [s] apart each; None without any."""
+    known = [one - one.mean() for one in series if one.size >= FINEST and np.isfinite(one).all()]
+    if not known:
+        return None
+    size = 4 * max(one.size for one in known)
+    spectra = [np.abs(np.fft.rfft(one * np.hanning(one.size), size)) ** 2 / one.size for one in known]
+    power = np.mean(spectra, axis=0)
+    return float(np.fft.rfftfreq(size, period)[int(power.argmax())]) if power.any() else None
 
 
 def _quantities(traces: Sequence[Trace]) -> dict[str, int]:

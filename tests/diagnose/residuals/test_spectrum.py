@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from s2r_spec.diagnose.residuals.spectrum import peak_frequency
+from s2r_spec.diagnose.residuals.left import peak_frequency
 
 
 def test_the_frequency_of_a_resonance_is_found_in_noise_and_beside_a_constant():
