@@ -17,7 +17,7 @@ import numpy as np
 from s2r_spec.backend import Backend
 from s2r_spec.diagnose.simulator.axes import EffectAxis, effect_axes
 from s2r_spec.diagnose.simulator.experiments import Experiment
-from s2r_spec.diagnose.simulator.library import acting_parameters
+from s2r_spec.diagnose.simulator.runs import acting_parameters
 from s2r_spec.effects import catalogue_of
 from s2r_spec.space import Space
 

@@ -7,25 +7,25 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
 
 import numpy as np
 
 from s2r_spec.backend import Backend, Effect, HasDuration, HasEffects, HasVariants, is_exclusive, load_backend
 from s2r_spec.backend.effects import catalogue_of
-from s2r_spec.backend.files import pack, unpack
+from s2r_spec.backend.files import pack
 from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.documentation import page
 from s2r_spec.base.errors import BackendError, UsageError
 from s2r_spec.diagnose.simulator.axes import Values
 from s2r_spec.diagnose.simulator.experiments import with_residuals
+from s2r_spec.diagnose.simulator.runs import each
 from s2r_spec.runs.compatibility import Interface, check_compatibility
 from s2r_spec.runs.scorer import adapt_to_spec
 from s2r_spec.runs.seeds import SeedStream, rollout_seed
 from s2r_spec.space import Key, key_of
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
-from s2r_spec.workers.pools import ExecutorFactory, as_they_end
+from s2r_spec.workers.pools import ExecutorFactory
 
 Test = Mapping[str, float]
 TestRun = tuple[Test, Trace]
@@ -190,11 +190,9 @@ def name_rollout(bench: Bench, values: Values, test: Test, seed: int) -> Iterato
         ) from None
 
 
-_unpickle = lru_cache(1)(unpack)
-
-
-def _run_pickled(bench: bytes, job: Job, read: Read) -> FloatArray:
-    return run_job(_unpickle(bench), job, read)
+def _numbered(bench: Bench, number: int, job: Job, read: Read) -> FloatArray:
+    del number
+    return run_job(bench, job, read)
 
 
 def run_jobs(bench: Bench, jobs: Sequence[Job], read: Read = rho_and_end) -> list[FloatArray]:
@@ -204,14 +202,10 @@ def run_jobs(bench: Bench, jobs: Sequence[Job], read: Read = rho_and_end) -> lis
         BackendError: a rollout raised, or a worker died.
     """
     results: dict[int, FloatArray] = {}
-    copy = None if bench.pool is None or len(jobs) < 2 else _pickle(bench)
-    call = partial(run_job, bench) if copy is None else partial(_run_pickled, copy)
-    arguments = {index: (job, read) for index, job in enumerate(jobs)}
-    pool, during = (
-        None if copy is None else bench.pool,
-        f"simulated effects on backend {bench.backend.name!r}",
-    )
-    for index, rows in as_they_end(pool, call, arguments, during):
+    pool = bench.pool if len(jobs) > 1 else None
+    numbered = {index: (job, read) for index, job in enumerate(jobs)}
+    what = f"simulated effects on backend {bench.backend.name!r}"
+    for index, rows in each(replace(bench, pool=None, progress=None), _numbered, numbered, pool, what):
         results[index] = rows
         if bench.progress is not None:
             bench.progress(len(results), len(jobs))
@@ -238,11 +232,8 @@ def table(
 
 def travels(bench: Bench) -> bool:
     """Return whether another process can be sent the simulator."""
-    return _pickle(bench) is not None
-
-
-def _pickle(bench: Bench) -> bytes | None:
     try:
-        return pack(replace(bench, pool=None, progress=None))
+        pack(replace(bench, pool=None, progress=None))
     except Exception:
-        return None
+        return False
+    return True

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
-from s2r_spec.backend import Backend, HasEffects, HasVariants
+from s2r_spec.backend import Backend, HasVariants
 from s2r_spec.backend.effects import catalogue_of
 from s2r_spec.base.arrays import FloatArray
 from s2r_spec.diagnose.inference.prior import BACKGROUND
-from s2r_spec.diagnose.simulator.axes import EffectAxis, Values, effect_axes, effect_axis
+from s2r_spec.diagnose.simulator.axes import EffectAxis, Values, effect_axes
 from s2r_spec.diagnose.simulator.cache import Cache, source_of
 from s2r_spec.diagnose.simulator.curve import ResponseCurve, Turn
 from s2r_spec.diagnose.simulator.experiments import Experiment
@@ -36,13 +36,13 @@ from s2r_spec.diagnose.simulator.runs import (
     SEED,
     Job,
     Runs,
+    acting_parameters,
     each,
     kept,
     simulate,
     vectors,
 )
 from s2r_spec.diagnose.simulator.score import Score
-from s2r_spec.trace import Trace
 from s2r_spec.workers.pools import ExecutorFactory
 
 Progress = Callable[[str, int, int], None]
@@ -104,9 +104,9 @@ def refined(
     backend: Backend,
     first: ResponseLibrary,
     wanted: Mapping[Experiment, Collection[str]],
-    executor: ExecutorFactory | None = None,
-    progress: Callable[[int, int], None] = lambda done, of: None,
-    cache: Cache | None = None,
+    executor: ExecutorFactory | None,
+    progress: Callable[[int, int], None],
+    cache: Cache,
 ) -> ResponseLibrary:
     """Return a library with all points of further parameters: experiment → their names (:mod:`.points`).
 
@@ -119,7 +119,6 @@ def refined(
     }
     made = {names: _Design.of(backend, first.parameters, names) for names in set(every.values())}
     designs = {experiment: made[names] for experiment, names in every.items()}
-    cache = Cache.usual() if cache is None else cache
     finer = _responses(backend, designs, executor, progress, cache, first.score)
     own = {one.experiment: one for one in (*first.responses, *finer)}
     return replace(first, responses=tuple(own[e] for e in first.experiments))
@@ -164,7 +163,7 @@ def _responses(
 def most_rollouts(
     backend: Backend,
     experiments: Sequence[Experiment],
-    cache: Cache | None = None,
+    cache: Cache,
     score: Score | None = None,
 ) -> dict[Experiment, int]:
     """Return experiment → largest number of rollouts that its response takes; 0 where the cache has the first points.
@@ -172,7 +171,6 @@ def most_rollouts(
     Runs nothing. Which parameters need all points is known only later, so all count. Which act alone is known only
     after :func:`acting_parameters`; without its result in the cache every parameter counts, and no run of the cache.
     """
-    cache = Cache.usual() if cache is None else cache
     tried = (cache.folder / place_of(backend, tuple(experiments))).is_file()
     acts = _cached_parameters(backend, experiments, cache) if tried else None
     axes = effect_axes(catalogue_of(backend), acts)
@@ -383,32 +381,6 @@ def runs_of(
     }
     rows = dict(each(backend, vectors, wanted, executor, f"ran backend {backend.name!r} with {values}"))
     return [rows[key].astype(float) for key in wanted]
-
-
-def acting_parameters(backend: Backend, experiments: Sequence[Experiment]) -> dict[str, frozenset[str]]:
-    """Return effect → parameters that change some experiment while the effect's others are nominal.
-
-    Only an effect of several parameters is tried; without a parameter that acts alone it is left out.
-    """
-    nominal: dict[Experiment, Trace] = {}
-
-    def acts(one: EffectAxis) -> bool:
-        assert isinstance(backend, HasEffects)
-        changed = backend.with_effects(one.at(one.at_typical()))
-        for experiment in experiments:
-            if experiment not in nominal:
-                nominal[experiment] = experiment.run(backend, SEED)
-            if not _is_same(experiment.run(changed, SEED), nominal[experiment]):
-                return True
-        return False
-
-    several = [effect for effect in catalogue_of(backend) if len(effect.parameters) > 1]
-    able = {e.name: frozenset(p.name for p in e.parameters if acts(effect_axis(e, p))) for e in several}
-    return {effect: names for effect, names in able.items() if names}
-
-
-def _is_same(a: Trace, b: Trace) -> bool:
-    return len(a) == len(b) and all(np.array_equal(a[name], b[name], equal_nan=True) for name in b.channels)
 
 
 def place_of(backend: Backend, of: object, folder: str = "acting") -> str:

@@ -22,10 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.backend import Backend, HasEffects, HasVariants
+from s2r_spec.backend.effects import catalogue_of
 from s2r_spec.backend.files import pack, unpack
 from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import BackendError
-from s2r_spec.diagnose.simulator.axes import Values
+from s2r_spec.diagnose.simulator.axes import EffectAxis, Values, effect_axis
 from s2r_spec.diagnose.simulator.cache import Cache
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.innovations import Innovations
@@ -205,6 +206,32 @@ def simulate(
     return every
 
 
+def acting_parameters(backend: Backend, experiments: Sequence[Experiment]) -> dict[str, frozenset[str]]:
+    """Return effect → parameters that change some experiment while the effect's others are nominal.
+
+    Only an effect of several parameters is tried; without a parameter that acts alone it is left out.
+    """
+    nominal: dict[Experiment, Trace] = {}
+
+    def acts(one: EffectAxis) -> bool:
+        assert isinstance(backend, HasEffects)
+        changed = backend.with_effects(one.at(one.at_typical()))
+        for experiment in experiments:
+            if experiment not in nominal:
+                nominal[experiment] = experiment.run(backend, SEED)
+            if not _is_same(experiment.run(changed, SEED), nominal[experiment]):
+                return True
+        return False
+
+    several = [effect for effect in catalogue_of(backend) if len(effect.parameters) > 1]
+    able = {e.name: frozenset(p.name for p in e.parameters if acts(effect_axis(e, p))) for e in several}
+    return {effect: names for effect, names in able.items() if names}
+
+
+def _is_same(a: Trace, b: Trace) -> bool:
+    return len(a) == len(b) and all(np.array_equal(a[name], b[name], equal_nan=True) for name in b.channels)
+
+
 class _Files:
     """The files of runs that grow. A killed process loses at most the runs of :data:`EVERY` seconds."""
 
@@ -239,19 +266,19 @@ class _Files:
 
 
 def each(
-    backend: Backend,
+    shared: object,
     function: Callable[..., T],
     jobs: Mapping[K, tuple[Any, ...]],
     executor: ExecutorFactory | None,
     what: str,
 ) -> Iterator[tuple[K, T]]:
-    """Yield key and ``function(backend, key, *arguments)`` of each job, as they end.
+    """Yield key and ``function(shared, key, *arguments)`` of each job, as they end; every worker gets one copy.
 
     Raises:
         BackendError: a worker died.
     """
     if jobs:
-        call = partial(function, backend) if executor is None else partial(_of_copy, pack(backend), function)
+        call = partial(function, shared) if executor is None else partial(_of_copy, pack(shared), function)
         own = {key: (key, *arguments) for key, arguments in jobs.items()}
         yield from as_they_end(executor, call, own, what)
 
@@ -259,8 +286,8 @@ def each(
 _unpack = lru_cache(1)(unpack)
 
 
-def _of_copy(backend: bytes, function: Callable[..., T], *arguments: Any) -> T:
-    return function(_unpack(backend), *arguments)
+def _of_copy(shared: bytes, function: Callable[..., T], *arguments: Any) -> T:
+    return function(_unpack(shared), *arguments)
 
 
 def pilot(backend: Backend, experiment: Experiment, score: Score | None = None) -> Runs:

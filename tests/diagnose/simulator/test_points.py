@@ -88,7 +88,7 @@ def test_a_refined_library_is_made_of_earlier_and_of_new_runs(tmp_path, monkeypa
         return rollout(self, params, seed)
 
     monkeypatch.setattr(Slow, "rollout", counted)
-    finer = refined(Slow(), first, {TEST: [one]}, cache=Cache(tmp_path))
+    finer = refined(Slow(), first, {TEST: [one]}, None, lambda done, of: None, Cache(tmp_path))
     assert finer.response(SHOW) is first.response(SHOW)
     assert all_points(AXES, finer.response(TEST)) >= {one}
     assert {tuple(added) for added in ran} <= {(one[0],)}
@@ -96,6 +96,6 @@ def test_a_refined_library_is_made_of_earlier_and_of_new_runs(tmp_path, monkeypa
     assert set(before.coordinates) < set(after.coordinates)
     assert after.at(1.0) == pytest.approx(before.at(1.0), rel=0.05, abs=0.02)
     ran.clear()
-    again = refined(Slow(), finer, {TEST: [other]}, cache=Cache(tmp_path))
+    again = refined(Slow(), finer, {TEST: [other]}, None, lambda done, of: None, Cache(tmp_path))
     assert {tuple(added) for added in ran} <= {(other[0],)}
     assert all_points(AXES, again.response(TEST)) >= {one, other}
