@@ -44,7 +44,7 @@ from s2r_spec.diagnose.gap.breaking import breaking_sizes
 from s2r_spec.diagnose.gap.held_out import held_out_gap
 from s2r_spec.diagnose.gap.materiality import compared_at_all_tests
 from s2r_spec.diagnose.gap.nominal import Nominal
-from s2r_spec.diagnose.gap.where import located
+from s2r_spec.diagnose.gap.where import locate
 from s2r_spec.diagnose.inference.estimates import (
     EffectEstimate,
     Status,
@@ -386,7 +386,7 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
     lacking = notes(bench, tests, parts, data.responses.idle, why, odd, alone)
     return Diagnosis(
         Which(evidence, by_effects(fitted.posterior, axes), upcoming),
-        located(bench, used, tuned, seed, tell) if want_where and used else None,
+        locate(bench, used, tuned, seed, tell) if want_where and used else None,
         tuned,
         provenance(bench, seed, data.rollouts, len(parts.held_out)),
         ASSUMPTIONS,

@@ -8,8 +8,8 @@ import numpy as np
 import s2r_spec as s2r
 from s2r_spec.attribution.attribute import attribute
 from s2r_spec.diagnose.gap.materiality import RolloutsAtTest, materiality
-from s2r_spec.diagnose.gap.surface import Band, GapSurface, LargestGap
-from s2r_spec.diagnose.gap.where import Pairs, Where, locate
+from s2r_spec.diagnose.gap.surface import Band, GapSurface, LargestGap, gap_surface
+from s2r_spec.diagnose.gap.where import Where
 from s2r_spec.diagnose.residuals.shifts import Body, BodyPart, Shift
 from s2r_spec.trace import Trace
 from tests.report.conftest import undrawn
@@ -21,6 +21,7 @@ SPACES = {
     2: "param vd {m/s} in [0, 1]\nparam load {kg} in [0, 5]",
     3: "param vd {m/s} in [0, 1]\nparam load {kg} in [0, 5]\nparam slope {deg} in [-5, 5]",
 }
+NO_BODY = "the simulator has no residuals"
 
 
 def spec_of(dim):
@@ -42,15 +43,27 @@ def where_of(dim, n=10, size=0.4):
     rng = np.random.default_rng(1)
     axes = spec.space.axes
     tests = [{a.name: float(rng.uniform(a.low, a.high)) for a in axes} for _ in range(n)]
-    sides = []
-    for scale in (size, 0.1):
-        traces = [rollout(rng, scale) for _ in tests]
-        rhos = [spec.robustness(t, d)["near"] for t, d in zip(traces, tests, strict=True)]
-        sides.append(list(zip(traces, rhos, strict=True)))
+    real, simulated = ([rollout(rng, scale) for _ in tests] for scale in (size, 0.1))
     if dim < 2:
-        return tests, locate(spec, "near", Pairs(tests, *sides))
-    pair = attribute(spec, "near", sides[0][0][0], sides[1][0][0], tests[0])
-    return tests, Where(made_up(spec.space, tests), tests[0], pair)
+        return tests, where_in(spec, tests, real, simulated)
+    pair = attribute(spec, "near", real[0], simulated[0], tests[0])
+    return tests, Where(made_up(spec.space, tests), tests[0], pair, no_body=NO_BODY)
+
+
+def where_in(spec, tests, real, simulated):
+    """Return where the gap of pairs of rollouts lies, one pair a test."""
+    rho = [
+        np.array([spec.robustness(trace, test)["near"] for trace, test in zip(side, tests, strict=True)])
+        for side in (real, simulated)
+    ]
+    worst = int(np.abs(rho[0] - rho[1]).argmax())
+    gaps = (
+        [RolloutsAtTest(dict(t), rho[0][[n]], rho[1][[n]]) for n, t in enumerate(tests)] if any(tests) else ()
+    )
+    pair = attribute(spec, "near", real[worst], simulated[worst], tests[worst])
+    return Where(
+        gap_surface(spec.space, tuple(gaps), "m") if gaps else None, tests[worst], pair, no_body=NO_BODY
+    )
 
 
 def made_up(space, tests):

@@ -6,10 +6,9 @@ import numpy as np
 
 import s2r_spec as s2r
 from s2r_spec.diagnose.gap.held_out import compare
-from s2r_spec.diagnose.gap.where import Pairs, locate
 from s2r_spec.diagnose.residuals.shifts import Body, BodyPart, Shift
 from s2r_spec.report.gap_words import body_words, gap_title, place_words, shrink_rows, where_words
-from tests.report.made import SPACES, rollout, spec_of, where_of
+from tests.report.made import SPACES, rollout, spec_of, where_in, where_of
 
 
 def part_of(line):
@@ -80,7 +79,7 @@ def test_rho_at_the_worst_test_is_given_where_one_predicate_decides_it():
     rng = np.random.default_rng(1)
     real, simulated = rollout(rng, 0.5), rollout(rng, 0.1)
     rhos = [spec.robustness(trace, {"vd": 0.5})["near"] for trace in (real, simulated)]
-    found = locate(spec, "near", Pairs([{"vd": 0.5}], [(real, rhos[0])], [(simulated, rhos[1])]))
+    found = where_in(spec, [{"vd": 0.5}], [real], [simulated])
     first = where_words(found, spec)[0]
     assert f"{rhos[1]:+.3g} m in simulation" in first
     assert f"{rhos[0]:+.3g} m on the real machine".replace("-", "−") in first

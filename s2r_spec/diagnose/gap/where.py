@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -21,7 +20,6 @@ from s2r_spec.diagnose.simulator.axes import Values
 from s2r_spec.diagnose.simulator.bench import Bench, Test, TestRun, places_of, table, with_seeds
 from s2r_spec.runs.seeds import SeedStream, rollout_seed
 from s2r_spec.space import key_of
-from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 
 SECONDS = 10.0
@@ -29,7 +27,6 @@ SECONDS = 10.0
 case."""
 PLACES = 400
 """Budget: the most tests over the space."""
-NO_SIMULATOR = "no simulator with residuals was given, so the gap cannot be traced to parts of the machine"
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +68,7 @@ class Where(Shown):
     test: Mapping[str, float]
     pair: Attribution
     body: Body | None = None
-    no_body: str | None = NO_SIMULATOR
+    no_body: str | None = None
     traces: WorstPair | None = None
 
     JSON = (
@@ -80,62 +77,37 @@ class Where(Shown):
     )
 
 
-class Pairs(NamedTuple):
-    """n tests, several of which may be equal, and (trace, ρ) of a real and a nominal simulated rollout of each."""
-
-    tests: Sequence[Test]
-    real: Sequence[tuple[Trace, float]]
-    simulated: Sequence[tuple[Trace, float]]
-
-
 def locate(
-    spec: Spec,
-    requirement: str,
-    pairs: Pairs,
-    seed: int = 0,
-    bench: Bench | None = None,
-    improved: Values | None = None,
-) -> Where:
-    """Return where the gap lies.
-
-    The bench is for the parts of the machine, and simulates each test once more. An improved simulator predicts the gap
-    between the tests that were run.
-    """
-    places = places_of(pairs.tests)
-    real, simulated = (np.array([rho for _, rho in side]) for side in (pairs.real, pairs.simulated))
-    gaps = tuple(RolloutsAtTest(dict(key), real[at], simulated[at]) for key, at in places.items())
-    space = None
-    if spec.space.dim in COUNTS:
-        at = [gap.params for gap in gaps]
-        predicted = predict(bench, improved, at, seed) if bench and improved else None
-        space = gap_surface(spec.space, gaps, spec.unit(requirement), seed=seed, predicted=predicted)
-    worst = max(gaps, key=lambda gap: abs(gap.gap))
-    first = places[key_of(worst.params)][0]
-    pair = attribute(spec, requirement, pairs.real[first][0], pairs.simulated[first][0], dict(worst.params))
-    if bench is None:
-        return Where(space, dict(worst.params), pair)
-    shown = pairs.real[first][0], pairs.simulated[first][0]
-    traces = WorstPair(bench.backend, bench.matched.to_backend(worst.params), *shown)
-    return Where(space, dict(worst.params), pair, *body_of(bench, pairs, seed), traces)
-
-
-def located(
     bench: Bench,
     rollouts: Sequence[TestRun],
     improved: Values,
-    seed: int,
-    progress: Callable[[str, int, int], None],
+    seed: int = 0,
+    progress: Callable[[str, int, int], None] = lambda stage, done, of: None,
 ) -> Where:
-    """Return where the gap lies, from real rollouts and as many of the nominal simulator; see :func:`locate`."""
-    real, simulated = [], []
-    for number, (test, trace) in enumerate(rollouts):
-        other = bench.run({}, test, rollout_seed(seed, number, 0, SeedStream.CHECK))
-        real.append((trace, bench.rho(trace, test)))
-        simulated.append((other, bench.rho(other, test)))
+    """Return where the gap lies, from real rollouts and as many of the nominal simulator.
+
+    The ``improved`` simulator predicts the gap between the tests that were run.
+    """
+    tests, simulated = [test for test, _ in rollouts], []
+    for number, test in enumerate(tests):
+        simulated.append((test, bench.run({}, test, rollout_seed(seed, number, 0, SeedStream.CHECK))))
         progress("where", number + 1, len(rollouts))
     progress("where in the machine and between the tests", 0, 0)
-    pairs = Pairs([test for test, _ in rollouts], real, simulated)
-    return locate(bench.spec, bench.requirement, pairs, seed, bench, improved)
+    real, other = (
+        np.array([bench.rho(trace, test) for test, trace in side]) for side in (rollouts, simulated)
+    )
+    spec, places = bench.spec, places_of(tests)
+    gaps = tuple(RolloutsAtTest(dict(key), real[at], other[at]) for key, at in places.items())
+    space = None
+    if spec.space.dim in COUNTS:
+        predicted = predict(bench, improved, [gap.params for gap in gaps], seed) if improved else None
+        space = gap_surface(spec.space, gaps, spec.unit(bench.requirement), seed=seed, predicted=predicted)
+    worst = dict(max(gaps, key=lambda gap: abs(gap.gap)).params)
+    first = places[key_of(worst)][0]
+    shown = rollouts[first][1], simulated[first][1]
+    pair = attribute(spec, bench.requirement, *shown, worst)
+    traces = WorstPair(bench.backend, bench.matched.to_backend(worst), *shown)
+    return Where(space, worst, pair, *body_of(bench, rollouts, simulated, seed), traces)
 
 
 def predict(bench: Bench, values: Values, tests: Sequence[Test], seed: int) -> Predicted:
@@ -153,7 +125,9 @@ def predict(bench: Bench, values: Values, tests: Sequence[Test], seed: int) -> P
     return Predicted(gap[: len(tests)], between(in_cube(space, grid)))
 
 
-def body_of(bench: Bench, pairs: Pairs, seed: int) -> tuple[Body | None, str | None]:
+def body_of(
+    bench: Bench, rollouts: Sequence[TestRun], simulated: Sequence[TestRun], seed: int
+) -> tuple[Body | None, str | None]:
     """Return the parts of the machine with motion that their model does not explain, or None and the reason."""
     backend, space = bench.backend, bench.spec.space
     if not isinstance(backend, HasResiduals):
@@ -162,7 +136,7 @@ def body_of(bench: Bench, pairs: Pairs, seed: int) -> tuple[Body | None, str | N
             f"machine; see {page('how-to/effects')}"
         )
     tests, residuals, refused = [], [], ""
-    for number, (test, (own, _), (first, _)) in enumerate(zip(*pairs, strict=True)):
+    for number, ((test, own), (_, first)) in enumerate(zip(rollouts, simulated, strict=True)):
         again, params = (
             bench.run({}, test, rollout_seed(seed, number, 1, SeedStream.CHECK)),
             bench.matched.to_backend(test),

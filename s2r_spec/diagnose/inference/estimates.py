@@ -22,7 +22,6 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.json_values import Shown
@@ -155,21 +154,12 @@ def effect_estimates(
     )
 
 
-def is_named(posterior: ModelPosterior) -> NDArray[np.bool_]:
-    """Return (E,) whether each effect is named."""
-    return (posterior.beyond(UNNAMED) >= SURE) & (posterior.beyond(NAMED) >= LIKELY)
-
-
-def any_cause(posterior: ModelPosterior, but: NDArray[np.bool_] | None = None) -> float:
-    """Return the probability that some effect is at least a quarter of typical, but for (E,) these."""
-    effect = posterior.prior.effect
-    together = np.zeros_like(effect) if but is None else np.where(but[effect], effect + 1, 0)
-    return float(replace(posterior, prior=replace(posterior.prior, effect=together)).beyond()[0])
-
-
 def further_causes(posterior: ModelPosterior, effects: Sequence[EffectEstimate]) -> tuple[str, ...]:
     """Return the possible effects if, more likely than not, one without a name is at least a quarter of typical."""
-    if any_cause(posterior, is_named(posterior)) < LIKELY:
+    named = np.array([one.status is Status.NAMED for one in effects])
+    effect = posterior.prior.effect
+    together = replace(posterior.prior, effect=np.where(named[effect], effect + 1, 0))
+    if float(replace(posterior, prior=together).beyond()[0]) < LIKELY:
         return ()
     return tuple(one.effect for one in with_status(effects, Status.POSSIBLE))
 

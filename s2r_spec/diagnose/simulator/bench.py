@@ -222,11 +222,9 @@ def with_seeds(
     return tuple((test, rollout_seed(seed, n, shot, stream)) for n, test, shot in every)
 
 
-def table(
-    bench: Bench, machines: Sequence[Values], runs: Sequence[tuple[Test, int]], read: Read = rho_and_end
-) -> FloatArray:
-    """Return (n, machines, runs) the n numbers that are read of every machine in every run, a job each."""
-    rows = run_jobs(bench, [Job(values, (run,)) for values in machines for run in runs], read)
+def table(bench: Bench, machines: Sequence[Values], runs: Sequence[tuple[Test, int]]) -> FloatArray:
+    """Return (2, machines, runs) ρ and whether it ended early, of every machine in every run, a job each."""
+    rows = run_jobs(bench, [Job(values, (run,)) for values in machines for run in runs])
     return np.array(rows).reshape(len(machines), len(runs), -1).transpose(2, 0, 1)
 
 

@@ -9,7 +9,7 @@ from s2r_cart import DAMPING, GAIN, MASS, SPEC, Cart, real
 
 import s2r_spec as s2r
 from s2r_spec.base.json_values import to_json
-from s2r_spec.diagnose.gap.where import Pairs, body_of, locate
+from s2r_spec.diagnose.gap.where import body_of, locate
 from s2r_spec.diagnose.residuals.cells import CELLS
 from s2r_spec.diagnose.residuals.shifts import Residuals, shifts, windows
 from s2r_spec.diagnose.simulator.bench import Bench
@@ -79,15 +79,13 @@ def bench_of(backend, text=SPEC):
 
 def answer(bench, rollouts, seed=0, only_body=False):
     """Return where, as a diagnosis asks for it."""
-    tests = [test for test, _ in rollouts]
-    own = [(trace, bench.rho(trace, test)) for test, trace in rollouts]
-    other = []
-    for number, test in enumerate(tests):
-        trace = bench.run({}, test, rollout_seed(seed, number, 0, SeedStream.CHECK))
-        other.append((trace, bench.rho(trace, test)))
     if only_body:
-        return body_of(bench, Pairs(tests, own, other), seed)
-    return locate(bench.spec, bench.requirement, Pairs(tests, own, other), seed, bench)
+        simulated = [
+            (test, bench.run({}, test, rollout_seed(seed, number, 0, SeedStream.CHECK)))
+            for number, (test, _) in enumerate(rollouts)
+        ]
+        return body_of(bench, rollouts, simulated, seed)
+    return locate(bench, rollouts, {}, seed)
 
 
 def machine(effects, case, n=16, extra=None, background=0.05):
