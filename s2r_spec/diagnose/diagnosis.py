@@ -186,7 +186,6 @@ class Diagnosis(Result, Shown):
     """The result of ``s2r diagnose``. Further fields describe the origin of the answer.
 
     Attributes:
-        schema: name and version of this object.
         which: the effects, with sizes and probabilities.
         where: where the gap lies; None if it was not asked for.
         tuned: effect → parameter → posterior mean, for every effect.

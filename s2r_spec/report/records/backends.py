@@ -27,7 +27,6 @@ class BackendsObject:
     """The result of ``s2r backends``.
 
     Attributes:
-        schema: name and version of this object.
         backends: name → entry point, the place of its code.
     """
 
@@ -40,7 +39,6 @@ class BackendObject:
     """The result of ``s2r backends NAME``.
 
     Attributes:
-        schema: name and version of this object.
         name: the name of the backend, as in ``--backend``.
         model_hash: the hash of the model, which changes whenever traces could.
         parameters: the parameters of a test.
@@ -87,7 +85,6 @@ class ConformanceObject:
     """The result of ``s2r backends NAME --check``.
 
     Attributes:
-        schema: name and version of this object.
         name: the name of the backend.
         promises: every requirement, in the order in which it was tried.
         preflight: what a backend finds in the user's files; only if it was put together from files.
@@ -104,7 +101,6 @@ class LoopObject:
     """The result of ``s2r backends NAME --log FOLDER``.
 
     Attributes:
-        schema: name and version of this object.
         name: the name of the backend.
         recordings: number of recordings.
         loop: what they say of each equation of the control loop.
@@ -121,7 +117,6 @@ class NewObject:
     """The result of ``s2r new``.
 
     Attributes:
-        schema: name and version of this object.
         robot: the robot file.
         text: its content.
         marks: a sentence for each thing that no file states.

@@ -19,7 +19,6 @@ class CheckObject:
     """The result of ``s2r check``.
 
     Attributes:
-        schema: name and version of this object.
         exit_code: 0 holds, 1 violated, 3 unknown; the worst over all requirements.
         results: the results, in the order of the requirements.
         locations: requirement → its place in the files.
@@ -36,7 +35,6 @@ class GapObject(Shown):
     """The result of ``s2r gap``.
 
     Attributes:
-        schema: name and version of this object.
         exit_code: 0 if the interval is at most as wide as the target, else 3.
         location: the place of the requirement in the files.
     """
@@ -54,7 +52,6 @@ class CertifyObject(Shown):
     """The result of ``s2r certify``.
 
     Attributes:
-        schema: name and version of this object.
         exit_code: 0 holds, 1 violated, 3 unknown.
         location: the place of the requirement in the files.
     """

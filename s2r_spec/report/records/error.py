@@ -15,7 +15,6 @@ class ErrorObject:
     """The reason why a command has no result.
 
     Attributes:
-        schema: name and version of this object.
         exit_code: 2 usage or specification, 4 backend or internal, 130 a machine's operator stopped the run.
         error: the error in one sentence; below it, the mistakes of a specification with their places.
     """

@@ -13,7 +13,6 @@ class LogObject:
     """The result of ``s2r log``.
 
     Attributes:
-        schema: name and version of this object.
         log: the file.
         topics: its topics; a table is one topic without a name.
         notes: on the file, a sentence each.

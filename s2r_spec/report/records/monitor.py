@@ -122,7 +122,6 @@ class MonitorObject:
     """The result of ``s2r monitor``.
 
     Attributes:
-        schema: name and version of this object.
         exit_code: 0 holds, 1 violated, 3 unknown, 2 if a trace could not be evaluated.
         spec: the specification.
         hash: the hash of the specification.
@@ -172,7 +171,6 @@ class ChangeObject(RequirementInterval, _Change):
     """One line of ``s2r monitor --online``: an interval or a verdict has changed.
 
     Attributes:
-        schema: name and version of this object.
         time: the time of the sample [s].
     """
 
@@ -182,7 +180,6 @@ class OnlineObject:
     """The last line of ``s2r monitor --online``.
 
     Attributes:
-        schema: name and version of this object.
         exit_code: 0 holds, 1 violated, 3 unknown.
         spec: the specification.
         hash: the hash of the specification.

@@ -15,7 +15,6 @@ class PilotObject(Shown):
     """The result of ``s2r pilot``.
 
     Attributes:
-        schema: name and version of this object.
         written: the specification into which the line was put; null without ``--write``.
     """
 
@@ -45,7 +44,6 @@ class PlanObject(_Cost, Plan, _Settings):
     """The result of ``s2r plan``.
 
     Attributes:
-        schema: name and version of this object.
         R: sub-Gaussian proxy of one rollout's noise.
         epsilon: target width of the interval.
         delta: 1 − probability.

@@ -15,7 +15,6 @@ class ReplayObject:
     """The result of ``s2r replay``.
 
     Attributes:
-        schema: name and version of this object.
         rollout: the name of the rollout, as given.
         params: the test.
         seed: the seed of the rollout.
@@ -59,7 +58,6 @@ class ChoiceObject:
     """The result of ``s2r choose``.
 
     Attributes:
-        schema: name and version of this object.
         requirement: the name of the requirement.
         best: the backend with the largest certified worst case; null if every certificate was refused.
         delta: 1 − probability that all statements hold.
@@ -101,7 +99,6 @@ class OddsObject:
     """The result of ``s2r odds``.
 
     Attributes:
-        schema: name and version of this object.
         results: requirement → its bounds.
     """
 

@@ -115,6 +115,8 @@ def _describe(record: type, document: JsonSchemaValue) -> JsonSchemaValue:
         for name, words in rows:
             if name in document["properties"]:
                 document["properties"][name]["description"] = " ".join(words.split())
+    if "schema" in document["properties"]:
+        document["properties"]["schema"]["description"] = "name and version of this object."
     return document | {"description": " ".join(_plain_docstring(record).split("\n\n")[0].split())}
 
 

@@ -32,7 +32,6 @@ class LintObject:
     """The result of ``s2r lint``.
 
     Attributes:
-        schema: name and version of this object.
         findings: the findings of all specifications.
     """
 
@@ -45,7 +44,6 @@ class LatexObject:
     """The result of ``s2r fmt --to latex``.
 
     Attributes:
-        schema: name and version of this object.
         latex: specification → its formulas as ``align*``.
     """
 
@@ -58,7 +56,6 @@ class FormatObject:
     """The result of ``s2r fmt``.
 
     Attributes:
-        schema: name and version of this object.
         check: whether the files were left unchanged.
         changed: the files that were changed, or would be.
     """
@@ -73,7 +70,6 @@ class ExamplesObject:
     """The result of ``s2r examples``.
 
     Attributes:
-        schema: name and version of this object.
         folder: the folder that got the files.
         files: the files that were written, specifications first.
     """
