@@ -21,9 +21,11 @@ from s2r_spec.diagnose.inference.estimates import (
     with_status,
 )
 from s2r_spec.report.advice import next_step, settled_words
-from s2r_spec.report.breaking import breaking_cell, breaking_title, breaking_words
 from s2r_spec.report.gap_words import (
     body_words,
+    breaking_cell,
+    breaking_title,
+    breaking_words,
     gap_title,
     join_names,
     left_words,

@@ -1,4 +1,4 @@
-"""Sentences on a gap: whether it matters, where it lies, what no effect explains of it, and how far it shrinks."""
+"""Sentences on a gap: whether it matters, where it lies, what no effect explains, how far it shrinks, what breaks ρ."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import math
 from collections.abc import Mapping, Sequence
 
 from s2r_spec.attribution.place import Place, ValueRange, cause_first
-from s2r_spec.base.quantity import Scale, format_estimate, quantity, signed_quantity
+from s2r_spec.base.quantity import Scale, format_estimate, interval, quantity, signed_quantity
 from s2r_spec.diagnose.gap import LEVEL
+from s2r_spec.diagnose.gap.breaking import Breaking, BreakingSize, Crossing
 from s2r_spec.diagnose.gap.held_out import HeldOutGap
 from s2r_spec.diagnose.gap.materiality import GapAtTest, Materiality
 from s2r_spec.diagnose.gap.shares import Gap
@@ -17,13 +18,11 @@ from s2r_spec.report.check import test_words
 from s2r_spec.report.figures.robot import amount
 from s2r_spec.spec import Spec
 
-PARTS = 3
-"""Definition: parts of the machine that are printed, largest shift first."""
+FIRST = 3
+"""Definition: parts of the machine, tests, or parameters that are printed, the largest or nearest first."""
 LATE = 0.95
 """Definition: part of a rollout; a window that ends later than it says nothing about the time of the cause."""
 
-PLACES = 3
-"""Definition: tests that are printed, largest gap first."""
 MOST_PERCENT = 10.0
 """Definition: ratio from which on a part is written as a multiple."""
 
@@ -81,9 +80,9 @@ def _tests(materiality: Materiality, units: Mapping[str, str]) -> str:
         return f"{none}; an average over tests shows smaller gaps"
     changed = sum(at.changes_sign for at in places)
     words = f"it matters at {len(places)} of {len(materiality.tests)} tests"
-    names = [name for name in (test_words(at.params, units) for at in places[:PLACES]) if name]
+    names = [name for name in (test_words(at.params, units) for at in places[:FIRST]) if name]
     if names:
-        more = f", and {len(places) - PLACES} more" if len(places) > PLACES else ""
+        more = f", and {len(places) - FIRST} more" if len(places) > FIRST else ""
         words += f": {'; '.join(names)}{more}"
     return words + (f". The sign of ρ changes at {changed} of them" if changed else "")
 
@@ -137,8 +136,8 @@ def body_words(where: Where) -> tuple[str, ...]:
         return (
             f"the nominal model explains the residuals of every part of the machine ({body.asked} comparisons)",
         )
-    shown = [(part, part.shifts[0]) for part in body.shifted[:PARTS]]
-    if origin[0] not in body.shifted[:PARTS]:
+    shown = [(part, part.shifts[0]) for part in body.shifted[:FIRST]]
+    if origin[0] not in body.shifted[:FIRST]:
         shown.append(origin)  # where the next step looks first
     ordered = cause_first(shown, lambda one: body.place(*one), lambda one: one[1].sigma)
     return tuple(
@@ -152,7 +151,7 @@ def left_words(left: Sequence[Remainder]) -> tuple[str, ...]:
     if not left:
         return ()
     unexplained = [f"{each}, which no effect explains{_at(each)}" for each in left if each.material]
-    return tuple(unexplained[:PARTS]) or (largest_rest_words(left[0]),)
+    return tuple(unexplained[:FIRST]) or (largest_rest_words(left[0]),)
 
 
 def largest_rest_words(largest: Remainder) -> str:
@@ -222,4 +221,44 @@ def place_words(left: Sequence[Remainder], where: Where | None) -> str:
     # ρ is decided where a requirement is nearest to its limit; feedback carries earlier disturbances there.
     return (
         f" that acts before or while most of the gap arises ({Place(ValueRange(window.begin, window.end))})"
+    )
+
+
+def breaking_title(breaking: Breaking | None) -> str:
+    """Return the head of the column: what a crossing does to the requirement; "" without any."""
+    if breaking is None:
+        return ""
+    return "breaks" if breaking.holds else "holds again"
+
+
+def breaking_cell(one: BreakingSize | None) -> str:
+    """Return where ρ changes sign: "above 2.1 N·m (1.6 to 2.4 N·m)"; "" for a parameter that does nothing alone."""
+    if one is None:
+        return ""
+    sides = zip(("below", "above"), (one.below, one.above), strict=True)
+    words = " or ".join(f"{side} {_crossing(end, one.axis.unit)}" for side, end in sides if end is not None)
+    return words or f"at no size from {interval(*one.simulated, one.axis.unit, exact=True)}"
+
+
+def _crossing(end: Crossing, unit: str) -> str:
+    around, half = interval(end.low, end.high, unit, exact=True), (end.high - end.low) / 2
+    if end.estimate is None:
+        return f"a size from {around}"
+    return f"{quantity(end.estimate, unit, half)} ({around})"
+
+
+def breaking_words(breaking: Breaking | None, units: Mapping[str, str]) -> str:
+    """Return a sentence on the margin, and on the effects that use it up first; "" without any."""
+    if breaking is None:
+        return ""
+    test = test_words(breaking.test, units)
+    margin = quantity(abs(breaking.rho), breaking.unit)
+    sign = "" if breaking.holds else "−"
+    start = f"the machine has ρ = {sign}{margin} at its worst test{f', {test}' if test else ''}"
+    near = breaking.crossed[:FIRST]
+    does = "breaks the requirement" if breaking.holds else "restores the requirement"
+    if not near:
+        return f"{start}, and no simulated size of a single effect {does}"
+    return f"{start}. A single effect {does}: " + "; ".join(
+        f"{one.name} {breaking_cell(one)}" for one in near
     )

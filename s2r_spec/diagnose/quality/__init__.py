@@ -12,8 +12,8 @@ catalogue's effects. Model, for each recording i:
 
 Relations that hold in the simulator whatever effect is added (a distance and a position, a speed and what it leads to)
 are in D and J: what breaks them is far from both. Estimator: the size and the channels of g of least Q. Where the
-machine may be far from nominal, f and C are those of the nearest one, by simulation (:mod:`.machine`). A mistake is a
-*finding* (:mod:`.decide`) where
+machine may be far from nominal, f and C are those of the nearest one, by simulation (:mod:`.comparison`). A mistake is
+a *finding* (:mod:`.decide`) where
 
     ℓ(no mistake, best machine) − ℓ(g) ≥ MOST · (ℓ(no mistake, best machine) − usual)
     ℓ(g) = Q(g) + (log |C| + 2 log |∂y / ∂g⁻¹(y)|) / (n T c)

@@ -8,13 +8,12 @@ from functools import cache
 
 from s2r_spec.base.arrays import FloatArray
 from s2r_spec.diagnose.quality.channels import by_channel, find_copied, hold
-from s2r_spec.diagnose.quality.comparison import CLEAR, Comparison, compare
+from s2r_spec.diagnose.quality.comparison import CLEAR, Comparison, compare, nearest_machine
 from s2r_spec.diagnose.quality.faults import Fault, Undone, faults
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.quality.labels import labels
 from s2r_spec.diagnose.quality.law import by_law
 from s2r_spec.diagnose.quality.loop import Loop, by_loop
-from s2r_spec.diagnose.quality.machine import nearest_machine
 from s2r_spec.diagnose.quality.recordings import Recordings
 from s2r_spec.diagnose.simulator.axes import EffectAxis
 from s2r_spec.diagnose.simulator.bench import Bench, TestRun

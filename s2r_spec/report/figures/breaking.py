@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 from s2r_spec.base.quantity import quantity
 from s2r_spec.diagnose.gap.breaking import Breaking, BreakingSize
-from s2r_spec.report.breaking import breaking_cell
 from s2r_spec.report.figures.canvas import BAD, GOOD, INK, MUTED, Picture, hover, pictured, shorten
+from s2r_spec.report.gap_words import breaking_cell
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
