@@ -137,9 +137,10 @@ def early_ends(
             alone,
         )
     few = max(count for *_, count in suspects[:SHOWN])
+    others_too = f"no more than {few}" if few else "none"
     words = (
-        f"Each of these alone ends the simulator early at these tests, and at "
-        f"{f'at most {few}' if few else 'none'} of {len(stood)} other tests: {_some([name for _, name, _ in suspects])}"
+        f"Each of these alone ends the simulator early at these tests, and at {others_too} of {len(stood)} other "
+        f"tests: {_some([name for _, name, _ in suspects])}"
     )
     return words, alone
 
