@@ -49,7 +49,7 @@ ROBOT_LAYERS = [
     {"law", "plan"},
     {"joints"},
     {"description", "model"},
-    {"fixed_base", "model_files"},
+    {"fixed_base", "model_files", "toml"},
     {"deploy"},
     {"arrays"},
 ]

@@ -13,6 +13,6 @@ A module imports only from its own line and the lines below it:
     plan, law                    robot file, deploy file and model put together
     joints                       the order of a policy's joints in the model
     description, model           the robot file; the MuJoCo model before it is compiled
-    model_files                  the files that an XML includes and loads
+    model_files, toml            the files that an XML includes and loads; files in TOML, checked
     deploy/                      deploy files of the field, each read into one record
 """

@@ -12,9 +12,16 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from s2r_mujoco import new
 from s2r_mujoco.effects.physics import VARIANTS
 from s2r_mujoco.held.player import Player
+from s2r_mujoco.held.quality import log_findings
 from s2r_mujoco.held.residuals import residuals
+from s2r_mujoco.interface.check import loop_findings, torque_is_before
+from s2r_mujoco.interface.log import Log
+from s2r_mujoco.interface.replay import replayed
+from s2r_mujoco.interface.switches import switches
+from s2r_mujoco.preflight import findings, trials
 from s2r_mujoco.robot import Robot
 from s2r_mujoco.rollout import UNSTABLE, Record
 from s2r_mujoco.running import Running, running
@@ -78,19 +85,7 @@ class RobotBackend:
         """Pickle the declaration alone; another process reads the files again."""
         return {one.name: getattr(self, one.name) for one in fields(self)}
 
-    @staticmethod
-    def draft(path: Path, model: Path, policy: str, deploy: Path | None) -> tuple[str, tuple[str, ...]]:
-        """Return the first text of a robot file, and what no file states; see :func:`s2r_mujoco.new.draft`."""
-        from s2r_mujoco.new import draft
-
-        return draft(path, model, policy, deploy)
-
-    @staticmethod
-    def problem(path: Path) -> str:
-        """Return what keeps a robot file from running; "" if nothing does."""
-        from s2r_mujoco.new import problem
-
-        return problem(path)
+    draft, problem = staticmethod(new.draft), staticmethod(new.problem)
 
     @property
     def name(self) -> str:
@@ -159,20 +154,13 @@ class RobotBackend:
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The parameters of a test. One whose range no file states has that of the specification."""
-        wanted = {one.name: one for one in self.wanted}
-        found = []
+        wanted, found = {one.name: one for one in self.wanted}, []
         for name, one in self._robot.parameters.items():
             declared = replace(one.declared, default=self._defaults[name])
             if not one.limited:
-                other = wanted.get(name)
-                ends = (
-                    [declared.default]
-                    if other is None
-                    else [_in(declared, other, x) for x in (other.low, other.high)]
-                )
-                declared = replace(
-                    declared, low=min(*ends, declared.default), high=max(*ends, declared.default)
-                )
+                other, ends = wanted.get(name), [declared.default]
+                ends += [] if other is None else [_in(declared, other, x) for x in (other.low, other.high)]
+                declared = replace(declared, low=min(ends), high=max(ends))
             found.append(declared)
         return tuple(found)
 
@@ -226,12 +214,16 @@ class RobotBackend:
             UsageError: a parameter is unknown or out of range.
             BackendError: the controller is at fault.
         """
+        return self._rolled(params, seed)[1]
+
+    def _rolled(self, params: Mapping[str, float], seed: int) -> tuple[Record, Trace]:
+        """Return the record of a test, and its trace, which a failure ends."""
         refuse_unknown(self.name, self.parameters, params)
         test = self._defaults | {name: self._checked(name, value) for name, value in params.items()}
-        record = self._running.run(
-            test, seed, self._ticks(self.duration) + 1, added=self._choice, variant=self.variant
-        )
-        return self._trace(record, {"params": test, "seed": seed})
+        ticks = self._ticks(self.duration) + 1
+        record = self._running.run(test, seed, ticks, added=self._choice, variant=self.variant)
+        logged = replace(record, torque=record.torque_before) if self.torque_before else record
+        return record, self._trace(self._robot, logged, {"params": test, "seed": seed})
 
     def render(self, params: Mapping[str, float], seed: int, path: str | Path) -> Trace:
         """Run one test and draw it: eight tiles over the rollout (.png, .jpg) or a short video (.gif, .webp).
@@ -241,15 +233,11 @@ class RobotBackend:
         """
         from s2r_mujoco.pictures import TILES, draw
 
-        robot, trace = self._robot, self.rollout(params, seed)
-        test = self._defaults | dict(params)
-        record = self._running.run(
-            test, seed, self._ticks(self.duration) + 1, added=self._choice, variant=self.variant
-        )
-        positions = record.qpos[: len(trace)]
+        record, trace = self._rolled(params, seed)
         tiles = np.linspace(0, len(trace) - 1, TILES[0] * TILES[1]).round().astype(int)
-        model, view = self._scene(test)
-        draw(model, positions, tiles.tolist(), 1.0 / robot.plan.step, view, Path(path))
+        model, view = self._scene(params)
+        rate = 1.0 / self._robot.plan.step
+        draw(model, record.qpos[: len(trace)], tiles.tolist(), rate, view, Path(path))
         return trace
 
     def draw_trace(
@@ -259,22 +247,20 @@ class RobotBackend:
         from s2r_mujoco.pictures import frames, positions_of
 
         positions, missing = positions_of(self._robot, trace, times, beside)
-        model, view = self._scene(self._defaults | dict(params))
+        model, view = self._scene(params)
         view = replace(view, distance=_NEAR * self._robot.reach, shadows=False)
         return Drawn(np.array([*frames(model, positions, view)]), missing)
 
-    def _scene(self, test: Mapping[str, float]) -> tuple[Any, View]:
+    def _scene(self, params: Mapping[str, float]) -> tuple[Any, View]:
         """Return the model of a test with its pictures, and the camera."""
         from s2r_mujoco.pictures import View
 
         robot = self._robot
-        model = robot.file.compile(robot.changes(test), pictures=True)
+        model = robot.file.compile(robot.changes(self._defaults | dict(params)), pictures=True)
         return model, View(_CAMERA * robot.reach, 0.3 * robot.reach, max(robot.plan.root, 0))
 
     def preflight(self, *, run: bool) -> Iterator[Finding]:
         """Yield what the files say together, and what is wrong with it; see :class:`s2r_spec.backend.HasPreflight`."""
-        from s2r_mujoco.preflight import findings, trials
-
         yield from findings(self._robot, self.parameters)
         if run:
             yield from trials(self._running, self.parameters)
@@ -303,9 +289,6 @@ class RobotBackend:
 
     def loop(self, trace: Trace) -> Iterator[Finding]:
         """Yield what a log says of the control loop of the files; see :class:`s2r_spec.backend.HasLoop`."""
-        from s2r_mujoco.held.quality import log_findings
-        from s2r_mujoco.interface.check import loop_findings
-
         if self._robot.held or trace.meta.get(PROTOCOL):
             yield from log_findings(self._player, trace)
         else:
@@ -333,7 +316,7 @@ class RobotBackend:
         named(self.protocols(), protocol, self.name)
         motion, values = self._player.motion(protocol, params)
         record = self._player.run(motion, seed, self._choice, self.variant)
-        return self._held_trace(record, {PROTOCOL: protocol, "params": values, "seed": seed})
+        return self._trace(self._player.robot, record, {PROTOCOL: protocol, "params": values, "seed": seed})
 
     def playable(self, protocol: str, params: Mapping[str, float]) -> Trace:
         """Return the references of a protocol for the robot's own joint controller."""
@@ -343,7 +326,8 @@ class RobotBackend:
         """Play the ``target`` of a log on the held robot, from the log's first positions, without the policy."""
         refuse_unknown(self.name, self.parameters, params)
         record = self._player.replay(inputs, seed, self._choice, self.variant)
-        return self._held_trace(record, {PROTOCOL: PLAYED, "params": dict(params), "seed": seed})
+        facts = {PROTOCOL: PLAYED, "params": dict(params), "seed": seed}
+        return self._trace(self._player.robot, record, facts)
 
     def residuals(self, trace: Trace, params: Mapping[str, float] | None = None) -> Trace:
         """Return the torques that the model does not explain; see :mod:`s2r_mujoco.held.residuals`.
@@ -359,32 +343,19 @@ class RobotBackend:
             )
         return residuals(self._player, trace, params or {}, self._choice)
 
-    def _held_trace(self, record: Record, facts: dict[str, Any]) -> Trace:
-        meta: dict[str, Any] = {"backend": self.name, "model_hash": self.model_hash, **facts}
-        if record.unstable:
-            meta["failure"] = UNSTABLE
-        return self._player.robot.trace(record, meta)
-
     def replayed(self, traces: Sequence[Trace]) -> Replayed | None:
         """Return which loop recordings show, by the policy on their state; see :mod:`s2r_mujoco.interface.replay`."""
-        from s2r_mujoco.interface.log import Log
-        from s2r_mujoco.interface.replay import replayed
+        return None if self._robot.held else replayed(self._logs(traces))
 
-        return None if self._robot.held else replayed([Log(self._robot, trace) for trace in traces])
+    def _logs(self, traces: Sequence[Trace]) -> list[Log]:
+        return [Log(self._robot, trace) for trace in traces]
 
     def as_logged(self, traces: Sequence[Trace]) -> Self:
         """Return this robot with the torques of the physics step before a sample, where recordings have these."""
-        from s2r_mujoco.interface.check import torque_is_before
-        from s2r_mujoco.interface.log import Log
-
-        if self._robot.held:
-            return self
-        return replace(self, torque_before=torque_is_before([Log(self._robot, trace) for trace in traces]))
+        return self if self._robot.held else replace(self, torque_before=torque_is_before(self._logs(traces)))
 
     def mistakes(self) -> dict[LoopMistake, Self]:
         """Return the mistakes that the files make possible, and for each this robot with that loop."""
-        from s2r_mujoco.interface.switches import switches
-
         found = [] if self._robot.held else [one.mistake for one in switches(self._robot)]
         return {one: self.with_mistakes([one]) for one in found}
 
@@ -392,14 +363,13 @@ class RobotBackend:
         """Return this robot with the loop of the last of these mistakes."""
         return replace(self, loop_keys=mistakes[-1].keys) if mistakes else self
 
-    def _trace(self, record: Record, facts: dict[str, Any]) -> Trace:
+    def _trace(self, robot: Robot, record: Record, facts: dict[str, Any]) -> Trace:
+        """Return the trace of a record up to its first failure."""
         meta: dict[str, Any] = {"backend": self.name, "model_hash": self.model_hash, **facts}
         if record.unstable:
             meta["failure"] = UNSTABLE
-        if self.torque_before:
-            record = replace(record, torque=record.torque_before)
-        trace = self._robot.trace(record, meta)
-        failure = self._robot.failures.first(trace)
+        trace = robot.trace(record, meta)
+        failure = robot.failures.first(trace)
         if failure is None:
             return trace
         name, last = failure

@@ -11,21 +11,13 @@ import re
 import tomllib
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, TypeVar
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    ValidationError,
-    field_validator,
-    model_validator,
-)
+from pydantic import AfterValidator, BeforeValidator, Field, field_validator, model_validator
 
 from s2r_mujoco.deploy.record import MOST_HISTORY, Deployment, Term
 from s2r_mujoco.model import FieldChange
+from s2r_mujoco.toml import Table, checked, read_toml
 from s2r_spec.backend import Parameter
 from s2r_spec.errors import UsageError, one_of, shortened, suggest
 
@@ -66,12 +58,6 @@ Range = Annotated[tuple[float, float], AfterValidator(_ordered)]
 
 _TABLES = {"sensor": '{ sensor = "NAME" }', "phase": '{ phase = 1.5, unit = "Hz" }'}
 """Definition: term that needs a table → an example."""
-
-
-class Table(BaseModel):
-    """A table of a file in TOML: unknown keys and numbers that are not finite are refused."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, populate_by_name=True)
 
 
 class TermTable(Table):
@@ -130,7 +116,9 @@ class ActionTable(Table):
     pd: Literal["explicit", "implicit"] | None = None
     stiffness: PerJoint = ()
     damping: PerJoint = ()
-    hold: dict[str, tuple[Annotated[float, Field(ge=0)], Annotated[float, Field(ge=0)]]] = {}
+    hold: dict[str, tuple[Annotated[float, Field(ge=0)], Annotated[float, Field(ge=0)]]] = Field(
+        default_factory=dict
+    )
 
     @field_validator("stiffness", "damping")
     @classmethod
@@ -221,12 +209,12 @@ class RobotFile(Table):
     default_joint_pos: PerJoint = ()
     history_by: Literal["term", "time"] | None = None
     action: ActionTable = ActionTable()
-    command: dict[str, float | str | CommandTable] = {}
-    parameters: dict[str, ParameterTable] = {}
-    fields: dict[str, float] = {}
+    command: dict[str, float | str | CommandTable] = Field(default_factory=dict)
+    parameters: dict[str, ParameterTable] = Field(default_factory=dict)
+    fields: dict[str, float] = Field(default_factory=dict)
     start: StartTable = StartTable()
-    failure: dict[str, str] = {}
-    effects: dict[str, dict[str, float]] = {}
+    failure: dict[str, str] = Field(default_factory=dict)
+    effects: dict[str, dict[str, float]] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _names(self) -> Self:
@@ -275,7 +263,10 @@ class Description:
 
     def held(self) -> Description:
         """Return the description of the robot in the air, without its policy and what only its tests have."""
-        empty = {name: RobotFile.model_fields[name].default for name in _OF_THE_CONTROLLER}
+        empty = {
+            name: RobotFile.model_fields[name].get_default(call_default_factory=True)
+            for name in _OF_THE_CONTROLLER
+        }
         return replace(self, table=self.table.model_copy(update=empty))
 
     def _stated(self, key: str, name: str, deploy: Path) -> str:
@@ -330,83 +321,3 @@ def read_description(path: Path, loop: str = "") -> Description:
         other = tomllib.loads(loop)
         table |= other | {"action": table.get("action", {}) | other.get("action", {})}
     return Description(path, checked(RobotFile, table, path))
-
-
-def read_toml(path: Path, what: str) -> dict[str, Any]:
-    """Return the content of a file in TOML; a UsageError with ``what`` it should be, if it is none."""
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise UsageError(f"cannot read the {what} {path}: {error.strerror or error}") from None
-    except RecursionError:
-        raise UsageError(f"{path} is no {what}: its values are nested too deep") from None
-    except ValueError as error:  # TOMLDecodeError and UnicodeDecodeError
-        raise UsageError(f"{path} is not TOML: {error}") from None
-
-
-_Content = TypeVar("_Content", bound=Table)
-
-
-def checked(
-    kind: type[_Content], table: dict[str, Any], path: Path, innermost: type[Table] | None = None
-) -> _Content:
-    """Return the content of a file as a record; ``innermost`` has the keys of tables below free names.
-
-    Raises:
-        UsageError: a key or a value is wrong; the message names it.
-    """
-    try:
-        return kind.model_validate(table)
-    except ValidationError as error:
-        raise UsageError(f"{path}: {_sentence(error, table, innermost or kind)}") from None
-
-
-def _sentence(error: ValidationError, table: dict[str, Any], kind: type[Table]) -> str:
-    """Return the first mistake as a sentence with its key."""
-    # A value of several possible types has a mistake for each; the deepest one is of the type that was meant.
-    mistakes = [(_place(one["loc"], table), one) for one in error.errors()]
-    place, first = max(mistakes, key=lambda one: (len(one[0]), not one[1]["type"].endswith("_type")))
-    key = "".join(f"[{one}]" if isinstance(one, int) else f".{_quoted(one)}" for one in place).removeprefix(
-        "."
-    )
-    if first["type"] == "extra_forbidden":
-        known = sorted(_keys(kind, place[:-1] if kind is RobotFile else []))
-        return f"there is no key {key}{suggest(str(place[-1]), known)} possible keys are {one_of(known)}"
-    words = first["msg"].removeprefix("Value error, ")
-    for of_pydantic, ours in _WORDS.items():
-        words = re.sub(of_pydantic, ours, words)
-    if first["type"] == "value_error":  # a sentence of ours
-        return f"{key}: {words}" if key else words
-    return f"{key} {words}, but it is {shortened(repr(first['input']))}"
-
-
-_WORDS = {
-    "^(Input|Tuple) should": "must", "Field required": "must have more items", " after validation, not .*": "",
-    "valid tuple": "list", "valid dictionary( or instance of .*)?": "table", "valid string": "text",
-    "valid integer": "whole number", ", (unable to parse|got a number with) .*": "", "a valid": "a",
-}  # fmt: skip
-"""Definition: words of pydantic, as regular expressions → words of TOML."""
-
-
-def _quoted(key: str) -> str:
-    return key if re.fullmatch(r"[\w-]+", key) else repr(key)
-
-
-def _place(loc: tuple[int | str, ...], table: Any) -> list[int | str]:
-    """Return the keys of a place without the names of types, which pydantic adds for a value of several types."""
-    found: list[int | str] = []
-    for part in loc:
-        has = isinstance(table, dict) or (isinstance(table, list) and isinstance(part, int))
-        if has and (part in table if isinstance(table, dict) else int(part) < len(table)):
-            found, table = [*found, part], table[part]
-    return found
-
-
-def _keys(table: type[BaseModel], place: list[int | str]) -> set[str]:
-    tables: dict[str, type[BaseModel]] = {
-        "action": ActionTable, "start": StartTable, "noise": NoiseTable, "parameters": ParameterTable,
-        "command": CommandTable, "observation": TermTable,
-    }  # fmt: skip
-    for word in place:
-        table = tables.get(str(word), table)
-    return {field.alias or name for name, field in table.model_fields.items()}

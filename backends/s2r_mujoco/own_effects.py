@@ -20,13 +20,14 @@ import numpy as np
 from pydantic import ConfigDict, Field
 
 from s2r_mujoco.arrays import FloatArray
-from s2r_mujoco.description import ParameterTable, Range, Table, checked, read_toml
+from s2r_mujoco.description import ParameterTable, Range
 from s2r_mujoco.effects.catalogue import RARE
 from s2r_mujoco.effects.kinds import kind_name
 from s2r_mujoco.effects.physics import Edit
 from s2r_mujoco.joints import by_patterns, name_of, scalar_joints
 from s2r_mujoco.model import FieldChange, ModelFile, differences
 from s2r_mujoco.parameters import of_field
+from s2r_mujoco.toml import Table, checked, read_toml
 from s2r_spec.backend import EffectParameter, load_code
 from s2r_spec.effects import Change, ModelEffect, sets, with_prior_scale
 from s2r_spec.errors import UsageError, one_of, suggest

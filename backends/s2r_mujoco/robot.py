@@ -19,7 +19,7 @@ from s2r_mujoco.deploy import of_metadata, read_deployment
 from s2r_mujoco.deploy.record import Deployment
 from s2r_mujoco.description import read_description
 from s2r_mujoco.effects.catalogue import catalogue
-from s2r_mujoco.effects.kinds import kinds_of
+from s2r_mujoco.effects.kinds import at_rest, kinds_of
 from s2r_mujoco.effects.physics import VARIANTS, Edit, Physics
 from s2r_mujoco.failure import Failures
 from s2r_mujoco.model import FieldChange, ModelFile
@@ -61,7 +61,7 @@ class Robot:
         model = self.file.compile()
         self.model = model
         self.plan = self._with_stable_gains(make_plan(self.description, self.deployment, model))
-        _ = start_pose(model, self.plan, table.start, self.name)  # refuses a joint that the model lacks
+        _ = self.pose  # refuses a joint that the model lacks
         if not (self.acts or self.policy or self.plan.law.has_target.any()):
             raise UsageError(
                 f'{self.name} names no controller; write policy = "policy.onnx" or "control.py:act", or, for protocols '
@@ -179,19 +179,20 @@ class Robot:
             return plan
         return replace(plan, law=replace(law, pd="implicit"))
 
+    @cached_property
+    def pose(self) -> FloatArray:
+        """(nq,) positions at t = 0, without noise."""
+        return start_pose(self.model, self.plan, self.description.table.start, self.name)
+
     def damping_ratio(self, damping: FloatArray) -> FloatArray:
         """Return (n,) kd·dt/M of the joints of the policy at the start pose.
 
         1/M is the diagonal of the inverse of the mass matrix: the acceleration of a joint by its own torque alone, with
         all other joints free.
         """
-        model, data = self.model, mujoco.MjData(self.model)
-        data.qpos[:] = start_pose(model, self.plan, self.description.table.start, self.name)
-        mujoco.mj_forward(model, data)
-        matrix = np.zeros((model.nv, model.nv))
-        mujoco.mj_fullM(model, data, matrix)
+        _, matrix = at_rest(self.model, self.pose)
         dof = self.plan.joints.dof
-        ratio: FloatArray = damping * model.opt.timestep * np.diag(np.linalg.inv(matrix))[dof]
+        ratio: FloatArray = damping * self.model.opt.timestep * np.diag(np.linalg.inv(matrix))[dof]
         return ratio
 
     # -- declarations ---------------------------------------------------------------------------------------------
@@ -274,9 +275,8 @@ class Robot:
     @cached_property
     def _catalogue(self) -> tuple[tuple[ModelEffect, ...], tuple[Edit, ...]]:
         """The catalogue, and how its effects of the user's own change the model's description."""
-        pose = start_pose(self.model, self.plan, self.description.table.start, self.name)
         kinds = kinds_of(self.model, self.own_effects.kinds_of(self.model))
-        effects = catalogue(self.model, self.plan, pose, kinds, acts=self.acts, held=self.held)
+        effects = catalogue(self.model, self.plan, self.pose, kinds, acts=self.acts, held=self.held)
         return self.own_effects.changed(effects, self.file, self.model)
 
     @cached_property
@@ -300,7 +300,7 @@ class Robot:
     def reach(self) -> float:
         """Distance between the root and the far end of the farthest moving geom at the start pose [m]."""
         model, data = self.model, mujoco.MjData(self.model)
-        data.qpos[:] = start_pose(model, self.plan, self.description.table.start, self.name)
+        data.qpos[:] = self.pose
         mujoco.mj_kinematics(model, data)
         moving = model.body_weldid[model.geom_bodyid] != 0
         away = np.linalg.norm(data.geom_xpos - data.xpos[max(self.plan.root, 0)], axis=1) + model.geom_rbound

@@ -98,16 +98,21 @@ def _kind(model: Any, name: str, joints: Sequence[int], slides: bool) -> Kind:
     )
 
 
+def at_rest(model: Any, pose: FloatArray) -> tuple[Any, FloatArray]:
+    """Return the data of a model at rest in a pose (nq,), and its mass matrix (nv, nv)."""
+    data, matrix = mujoco.MjData(model), np.zeros((model.nv, model.nv))
+    data.qpos[:] = pose
+    mujoco.mj_forward(model, data)
+    mujoco.mj_fullM(model, data, matrix)
+    return data, matrix
+
+
 def scales_of(model: Any, plan: Plan, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return (nv,) inertia of every degree of freedom at a pose, and its torque [N·m or N].
 
     The torque is the limit of its motor. Without a limit it is that of its weight at the pose, or of a quick start.
     """
-    data = mujoco.MjData(model)
-    data.qpos[:] = pose
-    mujoco.mj_forward(model, data)
-    matrix = np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, data, matrix)
+    data, matrix = at_rest(model, pose)
     inertia = np.diag(matrix).copy()
     torque = np.maximum(np.abs(data.qfrc_bias), 2.0 * np.pi * ACCELERATION * inertia)
     for joint, actuator in actuator_of(model).items():

@@ -12,14 +12,15 @@ import mujoco
 import numpy as np
 
 from s2r_mujoco.arrays import FloatArray
+from s2r_mujoco.channels import joint_channels
 from s2r_mujoco.effects.kinds import scales_of
 from s2r_mujoco.held.motions import Motion, Reach, motion, protocols
-from s2r_mujoco.joints import Joints, named, scalar_joints
+from s2r_mujoco.joints import Joints
 from s2r_mujoco.law import servo_gains
 from s2r_mujoco.robot import Robot
 from s2r_mujoco.rollout import Record
 from s2r_mujoco.running import Running
-from s2r_mujoco.start import draw, start_pose
+from s2r_mujoco.start import draw
 from s2r_spec.effects import Choice, as_values, choose
 from s2r_spec.errors import TraceError
 from s2r_spec.protocols import PROTOCOL, Protocol
@@ -56,8 +57,7 @@ class Player:
     def reach(self) -> Reach:
         """How far the driven joints may move, in policy order."""
         plan, model = self.robot.plan, self.robot.model
-        pose = start_pose(model, plan, self.robot.description.table.start, self.robot.name)
-        inertia, torque = scales_of(model, plan, pose)
+        inertia, torque = scales_of(model, plan, self.robot.pose)
         joints = plan.joints
         slides = model.jnt_type[model.dof_jntid[joints.dof]] == int(mujoco.mjtJoint.mjJNT_SLIDE)
         stiffness, _ = servo_gains(model, plan.law, joints)
@@ -94,7 +94,7 @@ class Player:
     def run(self, moved: Motion, seed: int, added: Choice, variant: str) -> Record:
         """Play a protocol from its first pose."""
         robot = self.robot
-        pose = start_pose(robot.model, robot.plan, robot.description.table.start, robot.name)
+        pose = robot.pose.copy()
         pose[robot.plan.joints.qpos] = moved.targets[0]
         position, velocity = draw(robot.model, robot.plan, robot.description.table.start, seed)
         start = pose + position, velocity
@@ -112,7 +112,7 @@ class Player:
         late = robot.plan.step * np.arange(ticks) + 0.5 * period_of(times)
         rows = np.clip(np.searchsorted(times, late, side="right") - 1, 0, len(times) - 1)
         simulator = self.running.simulator({}, self.known(added), variant)
-        qpos = start_pose(robot.model, robot.plan, robot.description.table.start, robot.name)
+        qpos = robot.pose.copy()
         qvel = np.zeros(robot.model.nv)
         for joints, q, dq in self.states(log):
             zero = 0.0 if simulator.loop is None else simulator.loop.offset[joints.dof]
@@ -138,16 +138,14 @@ class Player:
 
     def states(self, log: Trace) -> list[tuple[Joints, FloatArray, FloatArray | None]]:
         """Return the joints of ``q`` and of ``q_slide`` with (n, j) positions and velocities, which may be missing."""
-        model, found = self.robot.model, []
-        slide = int(mujoco.mjtJoint.mjJNT_SLIDE)
-        for end, slides in (("", False), ("_slide", True)):
-            own = [j for j in scalar_joints(model) if (int(model.jnt_type[j]) == slide) == slides]
-            if not own:
-                continue
-            if f"q{end}" not in log.channels or wide(log, f"q{end}").shape[1] != len(own):
-                raise TraceError(f"the log needs a channel 'q{end}' with the positions of {len(own)} joints")
-            dq = wide(log, f"dq{end}") if f"dq{end}" in log.channels else None
-            found.append((named(model, own), wide(log, f"q{end}"), dq))
+        found = []
+        for name, joints in joint_channels(self.robot.model).items():
+            if name not in log.channels or wide(log, name).shape[1] != len(joints):
+                raise TraceError(
+                    f"the log needs a channel {name!r} with the positions of {len(joints)} joints"
+                )
+            dq = wide(log, f"d{name}") if f"d{name}" in log.channels else None
+            found.append((joints, wide(log, name), dq))
         return found
 
     def known(self, added: Choice) -> Choice:

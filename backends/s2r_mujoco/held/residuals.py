@@ -20,9 +20,8 @@ import mujoco
 import numpy as np
 
 from s2r_mujoco.arrays import FloatArray
-from s2r_mujoco.channels import Attitude
+from s2r_mujoco.channels import Attitude, joint_channels
 from s2r_mujoco.held.player import Player, wide
-from s2r_mujoco.joints import named, scalar_joints
 from s2r_mujoco.rollout import Simulator
 from s2r_spec.effects import Choice
 from s2r_spec.errors import TraceError
@@ -67,13 +66,11 @@ def residuals(player: Player, trace: Trace, params: Mapping[str, float], added: 
         motion.on = planned.on[np.minimum(rows, len(planned.on) - 1)]
     left = motion.residual()[ends:-ends]
     channels, units, parts = {}, {}, {}
-    model, slide = player.robot.model, int(mujoco.mjtJoint.mjJNT_SLIDE)
-    for name, unit, slides in (("joint_torque", "N*m", False), ("joint_force", "N", True)):
-        own = [j for j in scalar_joints(model) if (int(model.jnt_type[j]) == slide) == slides]
-        for joint in own:
-            one = named(model, [joint])
-            key = re.sub(r"\W", "_", f"{name}_{one.names[0]}", flags=re.ASCII)
-            channels[key], units[key], parts[key] = left[:, one.dof], unit, list(one.names)
+    for own, joints in joint_channels(player.robot.model).items():
+        name, unit = ("joint_torque", "N*m") if own == "q" else ("joint_force", "N")
+        for joint, dof in zip(joints.names, joints.dof, strict=True):
+            key = re.sub(r"\W", "_", f"{name}_{joint}", flags=re.ASCII)
+            channels[key], units[key], parts[key] = left[:, [dof]], unit, [joint]
     return Trace(trace.times[ends:-ends], channels, units, {"parts": parts})
 
 
@@ -101,7 +98,7 @@ class _Motion:
         """Return (n, nv) force that the motion needs beyond that of the actuators."""
         simulator, gravity = self._simulator, self._gravity()
         model, data = simulator.model, mujoco.MjData(simulator.model)
-        force = self._driven() if self._is_commanded else self._logged()
+        force = self._driven() if "target" in self._trace.channels else self._logged()
         before, flags = model.opt.gravity.copy(), int(model.opt.disableflags)
         off = mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
         model.opt.disableflags = flags | int(off)
@@ -118,10 +115,6 @@ class _Motion:
             model.opt.gravity[:], model.opt.disableflags = before, flags
         return needed - force
 
-    @property
-    def _is_commanded(self) -> bool:
-        return "target" in self._trace.channels
-
     def _driven(self) -> FloatArray:
         """Return (n, nv) forces of the actuators under the targets of the log."""
         simulator, player = self._simulator, self._player
@@ -135,16 +128,13 @@ class _Motion:
     def _logged(self) -> FloatArray:
         """Return (n, nv) forces that the log has."""
         model, force = self._player.robot.model, np.zeros_like(self.v)
-        slide = int(mujoco.mjtJoint.mjJNT_SLIDE)
-        for name, slides in (("tau", False), ("tau_slide", True)):
-            own = [j for j in scalar_joints(model) if (int(model.jnt_type[j]) == slide) == slides]
-            if not own:
-                continue
-            if name not in self._trace.channels or wide(self._trace, name).shape[1] != len(own):
+        for position, joints in joint_channels(model).items():
+            name = f"tau{position.removeprefix('q')}"
+            if name not in self._trace.channels or wide(self._trace, name).shape[1] != len(joints):
                 raise TraceError(
-                    f"the log has neither 'target' nor a channel {name!r} with {len(own)} columns"
+                    f"the log has neither 'target' nor a channel {name!r} with {len(joints)} columns"
                 )
-            force[:, named(model, own).dof] = self._smooth(wide(self._trace, name))
+            force[:, joints.dof] = self._smooth(wide(self._trace, name))
         return force
 
     def _gravity(self) -> FloatArray:
