@@ -16,12 +16,11 @@ import numpy as np
 from s2r_mujoco.arrays import FloatArray
 from s2r_mujoco.interface.log import Log, reached, stated_gains
 from s2r_mujoco.interface.mistakes import FEWEST, Verdict, judged
+from s2r_mujoco.interface.motors import SATURATED
 from s2r_mujoco.robot import Robot
 from s2r_spec.backend import Finding
 from s2r_spec.trace import Trace
 
-SATURATED = 0.98
-"""Tolerance: part of its limit from which on a torque says nothing of the gains."""
 GAIN = 0.03
 """Tolerance: relative error of a gain."""
 STAMPS = 0.2
