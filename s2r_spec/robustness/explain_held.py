@@ -8,7 +8,6 @@ the window if that comes later.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
@@ -20,6 +19,7 @@ from s2r_spec.lang import formula as f
 from s2r_spec.robustness.at_start import bounds_at_start, curves_of, infimum_over
 from s2r_spec.robustness.bounds import RhoBounds
 from s2r_spec.robustness.curve import Curve
+from s2r_spec.robustness.deciding import Descent, Step
 from s2r_spec.robustness.evaluate import Walk, up_to
 from s2r_spec.robustness.explain import (
     Decided,
@@ -42,22 +42,16 @@ _INSIDE = 1e-6
 """Tolerance: distance from the end of a piece to the instant that stands for its limit there [lengths of the piece]."""
 
 
-@dataclass(frozen=True)
-class _HeldStep:
-    """A sub-formula on the way down, as :class:`~s2r_spec.robustness.deciding.DescentStep`, at a time [s].
+@dataclass(frozen=True, kw_only=True)
+class _HeldStep(Step):
+    """A sub-formula on the way down at a time [s], and (k, 2) times at which the verdict depends on it, from and to."""
 
-    ``runs``: (k, 2) times at which the verdict depends on the node, from and to [s].
-    """
-
-    node: f.Formula
     time: float
-    factor: float
     runs: FloatArray
-    vacuous: bool = False
 
 
 @dataclass(frozen=True)
-class HeldExplainer:
+class HeldExplainer(Descent[_HeldStep]):
     """Explains ρ of one requirement.
 
     Args:
@@ -82,8 +76,8 @@ class HeldExplainer:
 
     def explain(self, formula: f.Formula, requirement: str, unit: str) -> Explanation:
         """Return the explanation of a formula."""
-        rho = self.rho(formula, 0.0, 1.0)
-        steps = list(self._descend(formula))
+        first = _HeldStep(node=formula, time=0.0, runs=np.zeros((1, 2)))
+        rho, steps = self.rho(formula, first, 1.0), list(self.steps(first))
         parts = way_down((step.node, self.start + step.time, rho / step.factor) for step in steps)
         last = steps[-1]
         vacuous = next((a.node for a, b in pairwise(steps) if b.vacuous), None)
@@ -106,71 +100,19 @@ class HeldExplainer:
         bounds = curves_of(node, self.walk)
         return bounds.lower if (factor > 0) == self.worse else bounds.upper
 
-    def rho(self, node: f.Formula, time: float, factor: float) -> float:
-        """Return ρ of a node at an instant."""
-        if time == 0.0:
+    def rho(self, node: f.Formula, step: _HeldStep, factor: float) -> float:
+        """Return ρ of a node at the instant of a step."""
+        if step.time == 0.0:
             lower, upper = bounds_at_start(node, self.walk, self.courses.snap)
             return lower if (factor > 0) == self.worse else upper
-        return float(self.curve(node, factor).values(np.array([time]), self.courses.snap)[0])
+        return float(self.curve(node, factor).values(np.array([step.time]), self.courses.snap)[0])
 
     # -- the way down ------------------------------------------------------------------------------------------------
 
-    def _descend(self, formula: f.Formula) -> Iterator[_HeldStep]:
-        step: _HeldStep | None = _HeldStep(formula, 0.0, 1.0, np.zeros((1, 2)))
-        while step is not None:
-            yield step
-            step = self._below(step)
-
-    def _below(self, step: _HeldStep) -> _HeldStep | None:
-        node, t, factor = step.node, step.time, step.factor
-        match node:
-            case f.Named():
-                return replace(step, node=node.operand)
-            case f.Not():
-                return replace(step, node=node.operand, factor=-factor)
-            case f.Rescale():
-                return replace(step, node=node.operand, factor=factor * node.factor)
-            case f.Junction():
-                choose = min if node.operator == "and" else max
-                chosen = choose(node.operands, key=lambda operand: self.rho(operand, t, factor))
-                return replace(step, node=chosen)
-            case f.Implication():
-                return self._implication(node, step)
-            case f.Temporal():
-                past = node.operator in ("historically", "once")
-                least = node.operator in ("always", "historically")
-                return self._extreme(node.operand, step, node.interval, past, least)
-            case f.Until():
-                return self._until(node, step)
-            case f.Edge():
-                return self._edge(node, step)
-            case _:
-                return None
-
-    def _implication(self, node: f.Implication, step: _HeldStep) -> _HeldStep:
-        t, factor = step.time, step.factor
-        left, right = -self.rho(node.left, t, -factor), self.rho(node.right, t, factor)
-        if node.operator == "->":
-            if left >= right:
-                return replace(step, node=node.left, factor=-factor, vacuous=left > 0)
-            return replace(step, node=node.right)
-        back = self.rho(node.left, t, factor), -self.rho(node.right, t, -factor)
-        if max(left, right) <= max(back):
-            side = (node.left, -factor) if left >= right else (node.right, factor)
-        else:
-            side = (node.left, factor) if back[0] >= back[1] else (node.right, -factor)
-        return replace(step, node=side[0], factor=side[1])
-
-    def _edge(self, node: f.Edge, step: _HeldStep) -> _HeldStep | None:
-        sign = 1.0 if node.operator == "rise" else -1.0
+    def earlier(self, step: _HeldStep) -> _HeldStep | None:
+        """Return the step just before; None at the begin."""
         before = step.time - 4 * self.courses.snap
-        if before < 0.0:
-            return None
-        now = sign * self.rho(node.operand, step.time, sign * step.factor)
-        then = -sign * self.rho(node.operand, before, -sign * step.factor)
-        if now <= then:
-            return replace(step, node=node.operand, factor=sign * step.factor)
-        return replace(step, node=node.operand, factor=-sign * step.factor, time=before)
+        return None if before < 0.0 else replace(step, time=before)
 
     def _window(self, interval: f.Interval, step: _HeldStep, past: bool) -> Span:
         """Return the times of a window of one instant, cut at the ends of the trace."""
@@ -197,9 +139,10 @@ class HeldExplainer:
         agreeing = np.concatenate(both)
         return agreeing if len(agreeing) else runs
 
-    def _extreme(
+    def extreme(
         self, node: f.Formula, step: _HeldStep, interval: f.Interval, past: bool, least: bool
     ) -> _HeldStep | None:
+        """Return the step to the least, or the greatest, ρ of a node in a window; None in an empty one."""
         low, high = self._window(interval, step, past)
         if isinstance(node, f.Junction) and (node.operator == "and") == least:
             # One part after the other: the curve of all has the stamps of all topics.
@@ -209,7 +152,7 @@ class HeldExplainer:
                 for x in (self.curve(part, step.factor) for part in node.operands)
             ]
             best = int(np.argmin(over))
-            return self._extreme(node.operands[best], step, interval, past, least)
+            return self.extreme(node.operands[best], step, interval, past, least)
         curve = self.curve(node, step.factor)
         time = self._place(curve if least else -curve, low, high, past)
         if time is None:
@@ -259,7 +202,8 @@ class HeldExplainer:
         times = np.unique(np.concatenate([inner, within, borders]))
         return times[::-1] if past else times
 
-    def _until(self, node: f.Until, step: _HeldStep) -> _HeldStep | None:
+    def until(self, node: f.Until, step: _HeldStep) -> _HeldStep | None:
+        """Return the step to the side of an until that decides; None in an empty window."""
         sign = -1.0 if node.operator == "release" else 1.0  # release is the dual of until
         past = node.operator == "since"
         way = replace(up_to(node.interval), span=node.interval.span)
@@ -275,8 +219,8 @@ class HeldExplainer:
         rho = np.where(first, np.minimum(guard, goal), -np.inf)
         spread = self._spread(way, step, past)
         if node.operator == "unless":
-            stays = self._extreme(node.left, step, way, False, least=True)
-            if stays and (not rho.size or self.rho(stays.node, stays.time, step.factor) >= rho.max()):
+            stays = self.extreme(node.left, step, way, False, least=True)
+            if stays and (not rho.size or self.rho(stays.node, stays, step.factor) >= rho.max()):
                 return stays
         if not rho.size or math.isinf(rho.max()):
             return None
@@ -300,7 +244,7 @@ class HeldExplainer:
 
     def _runs(self, step: _HeldStep) -> tuple[Span, ...]:
         """Return (from, to) times in the window at which the predicate is what decides: [s] on the trace's clock."""
-        holds = self.rho(step.node, step.time, step.factor) > 0
+        holds = self.rho(step.node, step, step.factor) > 0
         runs = self._restrict(self.curve(step.node, step.factor), holds, step.runs)
         return tuple((self.start + float(begin), self.start + float(end)) for begin, end in runs)
 
