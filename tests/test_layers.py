@@ -50,6 +50,7 @@ ROBOT_LAYERS = [
     {"joints"},
     {"description", "model"},
     {"fixed_base", "model_files", "toml"},
+    {"markup"},
     {"deploy"},
     {"arrays"},
 ]

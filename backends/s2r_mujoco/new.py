@@ -42,7 +42,7 @@ def draft(path: Path, model: Path, policy: str, deploy: Path | None) -> tuple[st
     trained = open_trained(Path(policy)) if policy and ".py:" not in policy else None
     metadata = {} if trained is None else trained.metadata
     stated = read_deployment(deploy) if deploy else of_metadata(metadata, Path(policy).name)
-    compiled = _compiled(model, stated)
+    compiled = ModelFile(model, timestep=None if stated is None else stated.timestep).compile()
     found = [
         *_files(path, model, policy, deploy, trained),
         *_model(compiled, stated),
@@ -64,10 +64,6 @@ def problem(path: Path) -> str:
     return ""
 
 
-def _compiled(model: Path, stated: Deployment | None) -> Any:
-    return ModelFile(model, timestep=None if stated is None else stated.timestep).compile()
-
-
 def _beside(path: Path, file: str | Path) -> str:
     """Return a path relative to the folder of the robot file, with slashes."""
     return Path(os.path.relpath(file, path.parent)).as_posix()
@@ -86,11 +82,7 @@ def _files(
     if not policy:
         yield '# ? policy = "policy.onnx"    or control.py:act, a function act(model, data, command) -> ctrl'
     else:
-        width = (
-            ""
-            if trained is None or not trained.width
-            else f"  # {trained.width} numbers in, {trained.outputs} out"
-        )
+        width = f"  # {trained.width} numbers in, {trained.outputs} out" if trained and trained.width else ""
         yield f"policy = {_quoted(_beside(path, policy))}{width}"
     if deploy is not None:
         yield f"deploy = {_quoted(_beside(path, deploy))}"

@@ -286,11 +286,6 @@ class Observer:
             found.append(newest.astype(np.intp))
         return tuple(found)
 
-    @property
-    def scales(self) -> FloatArray:
-        """(m,) the scale of each component of the terms, without histories."""
-        return self._scale
-
     def read(self, tick: int) -> Observation:
         """Return (width,) the observation at a control tick; tick 0 begins a rollout."""
         values = self._values

@@ -104,7 +104,7 @@ class OwnEffects:
         """
         found: dict[str, list[int]] = {}
         for name, patterns in self.content.kinds.items():
-            place = f"{self._name}: kinds.{name}"
+            place = f"{self.name}: kinds.{name}"
             if not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII) or not patterns:
                 raise UsageError(f"{place} must be a name of letters, digits and _, with a list of joints")
             found[name] = by_patterns(model, patterns, place)
@@ -119,7 +119,7 @@ class OwnEffects:
             kind = kind_name(name_of(model, joint))
             if joint not in taken and kind in found:
                 raise UsageError(
-                    f"{self._name}: kinds.{kind} leaves out {name_of(model, joint)}, whose kind has this name; "
+                    f"{self.name}: kinds.{kind} leaves out {name_of(model, joint)}, whose kind has this name; "
                     f"choose another name"
                 )
         return found
@@ -145,7 +145,8 @@ class OwnEffects:
         )
 
     @property
-    def _name(self) -> str:
+    def name(self) -> str:
+        """Name of the file; "" for none."""
         return "" if self.path is None else self.path.name
 
 
@@ -155,8 +156,8 @@ class _Own:
     def __init__(
         self, file: OwnEffects, source: ModelFile, model: Any, effects: dict[str, ModelEffect]
     ) -> None:
-        self._name = "" if file.path is None else file.path.name
-        self._strict, self._source, self._model, self._effects = file.strict, source, model, effects
+        self._name, self._strict = file.name, file.strict
+        self._source, self._model, self._effects = source, model, effects
         self.edits: list[Edit] = []
 
     def change(self, name: str, wanted: bool | Mapping[str, Literal[False] | ParameterChange]) -> None:

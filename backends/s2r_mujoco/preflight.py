@@ -13,13 +13,13 @@ import mujoco
 import numpy as np
 
 from s2r_mujoco.arrays import FloatArray
-from s2r_mujoco.channels import Attitude
 from s2r_mujoco.description import COMMANDS
 from s2r_mujoco.law import servo_gains
 from s2r_mujoco.robot import STABLE, Robot
 from s2r_mujoco.rollout import Record
 from s2r_mujoco.running import Running
 from s2r_spec.backend import Finding, Parameter
+from s2r_spec.trace import Trace
 
 STILL = 0.01
 """Definition: a velocity term that never exceeds this during a commanded motion is named [in the unit of the term]."""
@@ -248,21 +248,15 @@ def _first_action(robot: Robot, values: Mapping[str, float], record: Record) -> 
         yield Finding("start", words)
 
 
-def _height(robot: Robot, record: Record) -> FloatArray:
-    return record.qpos[:, int(robot.model.jnt_qposadr[robot.model.body_jntadr[robot.plan.root]]) + 2]
-
-
-def _tilt(robot: Robot, record: Record) -> FloatArray:
+def _tilt(trace: Trace) -> FloatArray:
     """Return (n,) the angle between the base's and the world's vertical [deg]."""
-    first = int(robot.model.jnt_qposadr[robot.model.body_jntadr[robot.plan.root]]) + 3
-    attitude = Attitude(record.qpos[:, first : first + 4])
-    tilt: FloatArray = np.degrees(np.arccos(np.clip(attitude.matrix[:, 2, 2], -1.0, 1.0)))
+    tilt: FloatArray = np.degrees(np.arccos(np.clip(-trace["gravity"][:, 2], -1.0, 1.0)))
     return tilt
 
 
-def _end(robot: Robot, record: Record) -> str:
+def _end(robot: Robot, record: Record, trace: Trace) -> str:
     """Return how a rollout ends early, or lies at its end; "" if it does neither."""
-    failure, height, tilt = robot.failure(record), _height(robot, record), _tilt(robot, record)
+    failure, height, tilt = robot.failures.first(trace), trace["z"], _tilt(trace)
     if record.unstable or failure is not None:
         name, tick = ("unstable", len(record) - 1) if failure is None else failure
         return f"it ends at {tick * robot.plan.step:.2f} s: {name}"
@@ -274,11 +268,10 @@ def _end(robot: Robot, record: Record) -> str:
 
 
 def _stands(robot: Robot, record: Record) -> Finding:
-    end = _end(robot, record)
-    if end:
+    trace = robot.trace(record, {})
+    if end := _end(robot, record, trace):
         return Finding("stand", f"without a command {end}", "wrong")
-    height = _height(robot, record)
-    ends, tilt = f"{height[0]:.3f} to {height[-1]:.3f}", _tilt(robot, record).max()
+    ends, tilt = f"{trace['z'][0]:.3f} to {trace['z'][-1]:.3f}", _tilt(trace).max()
     return Finding("stand", f"{STANDING:g} s without a command: height {ends} m, tilt at most {tilt:.2g} deg")
 
 
@@ -289,10 +282,9 @@ def _moves(robot: Robot, record: Record) -> Finding:
         for (name, unit), value in zip(COMMANDS.items(), record.command, strict=True)
         if value
     )
-    end = _end(robot, record)
-    if end:
-        return Finding("move", f"with {command} {end}", "wrong")
     trace, late = robot.trace(record, {}), slice(round(SETTLED / robot.plan.step), None)
+    if end := _end(robot, record, trace):
+        return Finding("move", f"with {command} {end}", "wrong")
     mean = np.array([trace[name][late].mean() for name in ("vx", "vy", "wz")])
     wanted = np.flatnonzero(record.command)
     share = mean[wanted] / record.command[wanted]

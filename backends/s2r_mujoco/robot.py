@@ -255,10 +255,6 @@ class Robot:
         times = self.plan.step * np.arange(len(record), dtype=np.float64)
         return Trace(times, channels, units, dict(meta))
 
-    def failure(self, record: Record) -> tuple[str, int] | None:
-        """Return the condition of a failure that comes first, and its tick; None without one."""
-        return self.failures.first(self.trace(record, {}))
-
     def changes(self, values: Mapping[str, float]) -> dict[FieldChange, float]:
         """Return the changes of the model's fields in a test."""
         return {

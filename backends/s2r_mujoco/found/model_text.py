@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from s2r_mujoco.found.markup import Element, Markup
+from s2r_mujoco.markup import Element, Markup
 from s2r_mujoco.model import ModelFile
 
 Attributes = dict[str, str | None]

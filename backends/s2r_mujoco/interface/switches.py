@@ -185,14 +185,21 @@ def _signs(plan: Plan, part: Part) -> Iterator[tuple[FloatArray, str]]:
     yield -np.ones(part.width), "has the wrong sign"
     groups: dict[str, list[int]] = {}
     if part.width == len(plan.joints) and part.term.name.startswith("joint_"):
-        for i, joint in enumerate(plan.joints.names):
-            groups.setdefault(kind_name(joint), []).append(i)
+        groups = _by_kind(plan)
     elif part.width == 3 and part.senses != "known":
         groups = {axis: [i] for i, axis in enumerate("xyz")}
     for name, own in groups.items() if len(groups) > 1 else ():
         signs = np.ones(part.width)
         signs[own] = -1.0
         yield signs, f"has the wrong sign in {name}"
+
+
+def _by_kind(plan: Plan) -> dict[str, list[int]]:
+    """Return kind of joint → places of its joints in the policy."""
+    groups: dict[str, list[int]] = {}
+    for i, joint in enumerate(plan.joints.names):
+        groups.setdefault(kind_name(joint), []).append(i)
+    return groups
 
 
 def orders(joints: Joints) -> Iterator[tuple[str, IntArray]]:
@@ -290,9 +297,7 @@ def _of_action(plan: Plan) -> Iterator[Switch]:
             f"{words}, before the offset", "target = offset + scale · action[order]", order=order,
             offset=law.offset[back], scale=law.scale[back],
         )  # fmt: skip
-    groups: dict[str, list[int]] = {}
-    for i, joint in enumerate(plan.joints.names):
-        groups.setdefault(kind_name(joint), []).append(i)
+    groups = _by_kind(plan)
     for name, own in {"": list(range(n)), **(groups if len(groups) > 1 else {})}.items():
         signs = np.ones(n)
         signs[own] = -1.0

@@ -22,7 +22,7 @@ def loop_text(plan: Plan) -> str:
     """
     law = plan.law
     lines = [
-        "observation = [", *(f"  {_inline(_keys(term, plan))}," for term in plan.terms), "]",
+        "observation = [", *(f"  {{ {_inline(_keys(term, plan))} }}," for term in plan.terms), "]",
         f'history_by = "{plan.history_by}"',
         f"action.scale = {_numbers(law.scale)}", f"action.offset = {_numbers(law.offset)}",
     ]  # fmt: skip
@@ -67,12 +67,8 @@ def _limits_before_scale(term: Term) -> tuple[float, float]:
 
 
 def _inline(keys: dict[str, Any]) -> str:
-    return "{ " + ", ".join(f"{key} = {_value(value)}" for key, value in keys.items()) + " }"
-
-
-def _value(value: Any) -> str:
-    """Return a number, a text, or a list of them, as TOML writes it; JSON writes these alike."""
-    return json.dumps(value)
+    """Return the items of a table of numbers, texts and lists of them, which TOML writes as JSON does."""
+    return ", ".join(f"{key} = {json.dumps(value)}" for key, value in keys.items())
 
 
 def _numbers(values: Iterable[float]) -> str:

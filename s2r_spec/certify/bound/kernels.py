@@ -128,21 +128,16 @@ class Kernel:
         return FAMILIES[self.name].covariance(np.sqrt(squares))
 
     def hidden(self, sides: FloatArray) -> FloatArray:
-        """Return (…, dim) contributions of each axis of (…, dim) cell sides to :meth:`interpolation`."""
+        """Return (…, dim) contributions of each axis to e(h) = sup_z ‖φ(z) − Σ w_j(z) φ(g_j)‖ over (…, dim) cell sides.
+
+        The weights w are multilinear on the cell's corners g. For ‖J‖ ≤ B it follows that J ≤ max over the corners +
+        B e(h) in the cell, and J ≥ min − B e(h). One axis after another: interpolation along an axis averages
+        functions, so the errors of the axes add up.
+        """
         family = FAMILIES[self.name]
         with np.errstate(over="ignore"):  # a cell of too many lengthscales hides anything: inf
             scaled = (sides / self.lengthscales(sides.shape[-1])) ** family.power
         return np.asarray(family.constant * scaled)
-
-    def interpolation(self, sides: FloatArray) -> FloatArray:
-        """Return (…) bounds e(h) = sup_z ‖φ(z) − Σ w_j(z) φ(g_j)‖ over cells of (…, dim) sides.
-
-        The weights w are multilinear on the cell's corners g. For ‖J‖ ≤ B it
-        follows that J ≤ max over the corners + B e(h) in the cell, and J ≥ min −
-        B e(h). One axis after another: interpolation along an axis averages
-        functions, so the errors of the axes add up.
-        """
-        return np.asarray(self.hidden(sides).sum(axis=-1))
 
     def change(self, sides: FloatArray) -> FloatArray:
         """Return (…, dim) bounds of |J(x) − J(y)| / ‖J‖ for x and y that differ by one of the (…, dim) sides.

@@ -15,7 +15,6 @@ from typing import Any, Unpack
 import numpy as np
 
 from s2r_spec.backend import Backend, HasRecordings, is_exclusive
-from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.distribution import version
 from s2r_spec.base.errors import UsageError
 from s2r_spec.base.json_types import Failures, Magnitude
@@ -268,10 +267,6 @@ def _evidence(job: _Job, outcomes: Mapping[str, Outcomes], names: Mapping[str, s
 
 def _outcomes(groups: Sequence[Sequence[Record]], fall: float) -> Outcomes:
     return Outcomes(
-        tuple(_rhos(group, fall) for group in groups),
+        tuple(np.array([one.rho if one.failure is None else fall for one in group]) for group in groups),
         sum(record.failure is not None for group in groups for record in group),
     )
-
-
-def _rhos(group: Sequence[Record], fall: float) -> FloatArray:
-    return np.array([record.rho if record.failure is None else fall for record in group])

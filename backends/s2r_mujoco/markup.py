@@ -80,7 +80,7 @@ class Markup:
             ValueError: the text is not that of a MuJoCo model.
         """
         texts: dict[Path, str] = {}
-        root = _read(path, path.parent, texts, None)
+        root = read_elements(path, path.parent, texts)
         if root is None or root.name != "mujoco":
             raise ValueError(f"{path.name} is not a model in MuJoCo's own format")
         return cls(root, texts)
@@ -154,8 +154,13 @@ class Markup:
         return feed + space + ("  " if first is element else "")
 
 
-def _read(path: Path, root: Path, texts: dict[Path, str], above: Element | None) -> Element | None:
-    """Return the outermost element of a file; None where there is none."""
+def read_elements(
+    path: Path, root: Path, texts: dict[Path, str], above: Element | None = None
+) -> Element | None:
+    """Return the outermost element of a file, and add its text and those that it includes; None where there is none.
+
+    Names of included files are relative to ``root``, the folder of the main file.
+    """
     text = texts[path] = path.read_bytes().decode("utf-8", "surrogateescape")
     first, place = None, above
     for token in _TOKEN.finditer(text):
@@ -172,8 +177,16 @@ def _read(path: Path, root: Path, texts: dict[Path, str], above: Element | None)
         if place is not None:
             place.below.append(one)
         included = root / attributes.get("file", "")
-        if one.name == "include" and included.is_file() and included not in texts:
-            _read(included, root, texts, one)
+        if one.name == "include" and is_file(included) and included not in texts:
+            read_elements(included, root, texts, one)
         if not token["closed"]:
             place = one
     return first
+
+
+def is_file(path: Path) -> bool:
+    """Return whether there is a file of this name; also for one that is too long."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False
