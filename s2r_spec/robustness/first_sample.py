@@ -8,8 +8,7 @@ there: its numbers are sums, products and functions of numbers with a known boun
 
 from __future__ import annotations
 
-import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import reduce
 
 import numpy as np
@@ -17,12 +16,15 @@ import numpy as np
 from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import TraceError
 from s2r_spec.lang import formula as f
+from s2r_spec.robustness.binding import names
 from s2r_spec.robustness.evaluate import Walk
 from s2r_spec.robustness.grid import Grid
 from s2r_spec.robustness.horizon import samples_read
 from s2r_spec.robustness.numbers import SampledSignals
 from s2r_spec.robustness.once import once
+from s2r_spec.robustness.online.spans import Span, Spans
 from s2r_spec.robustness.sampled import walk_samples
+from s2r_spec.robustness.ticks import Clock
 from s2r_spec.robustness.ties import rescale_number
 
 LARGEST = 1e300
@@ -98,15 +100,20 @@ def _over(
 
 
 @once
-def _bound_of(signal: FloatArray) -> float:
-    """Return the largest absolute value of a signal that does not change."""
-    return float(np.max(np.abs(signal)))
+def _range_of(signal: FloatArray) -> Span:
+    """Return the least and the largest value of a signal that does not change."""
+    return float(signal.min()), float(signal.max())
 
 
 def is_defined(formula: f.Formula, samples: SampledSignals) -> bool:
     """Return whether every predicate of a formula has a value at every sample, as far as bounds show."""
-    bounds = _Bounds(samples)
-    return all(max(bounds(one.left), bounds(one.right)) <= LARGEST for one in _predicates(formula))
+    ranges = {name: _range_of(samples.signals[name]) for name in names(formula).signals}
+    params = {name: float(samples.params[name].item()) for name in names(formula).params}
+    bounds = _Bounds(ranges, params, lambda node: None, samples.clock)
+    try:
+        return all(map(bounds, (side for one in _predicates(formula) for side in (one.left, one.right))))
+    except _UnboundedError:
+        return False
 
 
 @once
@@ -114,73 +121,45 @@ def _predicates(formula: f.Formula) -> tuple[f.Comparison, ...]:
     return tuple(node for node in f.walk(formula) if isinstance(node, f.Comparison))
 
 
-class _Bounds:
-    """Bounds of the absolute values of numbers over a trace; inf where there is none."""
+class _UnboundedError(Exception):
+    """A number may have no value, or no known bound."""
 
-    def __init__(self, samples: SampledSignals) -> None:
-        self.samples = samples
-        clock = samples.clock
-        self.step = clock.step if isinstance(clock, Grid) else 0.0
-        self.last = clock.seconds(clock.count - 1)
-        self.widest = max((signal.shape[-2] for signal in samples.signals.values()), default=1)
 
-    def __call__(self, node: f.Value) -> float:
+@dataclass(eq=False)
+class _Bounds(Spans):
+    """Spans of numbers over a whole trace.
+
+    Raises:
+        _UnboundedError: a number on the way is beyond ``LARGEST``, or may be undefined.
+    """
+
+    clock: Clock
+
+    def _spans(self, node: f.Value) -> tuple[Span, ...]:
+        spans = self._over_trace(node)
+        if not all(abs(end) <= LARGEST for span in spans for end in span):
+            raise _UnboundedError
+        return spans
+
+    def _over_trace(self, node: f.Value) -> tuple[Span, ...]:
+        clock, last = self.clock, self.clock.seconds(self.clock.count - 1)
         match node:
-            case f.Number():
-                return abs(node.value)
-            case f.SignalValue():
-                return _bound_of(self.samples.signals[node.name])
-            case f.ParamValue():
-                return float(np.max(np.abs(self.samples.params[node.name])))
-            case f.Convert():
-                factor, shift = node.conversion.factor, abs(float(node.conversion.shift))
-                return _product(factor, self(node.operand)) + shift
-            case f.Arithmetic():
-                return self._arithmetic(node)
-            case f.Elementary(function="sign"):
-                return 1.0 if self(node.operand) <= LARGEST else math.inf
-            case f.Elementary(function="minus" | "abs") | f.Initial() | f.Delayed():
-                return self(node.operand)
-            case f.Extremum() | f.Choice():
-                parts = node.operands if isinstance(node, f.Extremum) else (node.left, node.right)
-                return max(map(self, parts))
-            case f.Norm():
-                bounds = map(self, node.operands)
-                return math.sqrt(sum(self.widest * _product(bound, bound) for bound in bounds))
-            case f.Derivative() | f.Accumulated():
-                return self._of_slopes(node)
             case f.Duration():
-                return self.last
+                return ((0.0, last),)
             case f.Count():
-                return float(self.samples.clock.count)
-            case f.Overshoot():
-                return self(node.signal) + self(node.reference)
-        return math.inf
-
-    def _of_slopes(self, node: f.Derivative | f.Accumulated) -> float:
-        values = self(node.operand)
-        slopes = _product(values, 2.0 / self.step) if self.step else 0.0
-        if isinstance(node, f.Derivative):
-            return slopes
-        total = _product(values, self.last)
-        if max(slopes, total) > LARGEST:  # an integral and a mean have both on the way
-            return math.inf
-        return total if node.function == "integral" else values
-
-    def _arithmetic(self, node: f.Arithmetic) -> float:
-        left = self(node.left)
-        match node.operator, node.right:
-            case "+" | "-", right:
-                return left + self(right)
-            case "*", right:
-                return _product(left, self(right))
-            case "/", f.Number(value=value) if value:
-                return left / abs(value)
-            case "^", f.Number(value=2.0):
-                return _product(left, left)
-        return math.inf
-
-
-def _product(left: float, right: float) -> float:
-    """Return the bound of a product; with an infinite number it may be 0 · inf, which has no value."""
-    return left * right if math.isfinite(left) and math.isfinite(right) else math.inf
+                return ((0.0, float(clock.count)),)
+            case f.Derivative() | f.Accumulated():
+                spans = self(node.operand)
+                size = max(abs(end) for span in spans for end in span)
+                slope = 2.0 * size / clock.step if isinstance(clock, Grid) and clock.step else 0.0
+                if isinstance(node, f.Derivative):
+                    return ((-slope, slope),) * len(spans)
+                if max(slope, size * last) > LARGEST:  # an integral and a mean have both on the way
+                    raise _UnboundedError
+                return spans if node.function == "mean" else ((-size * last, size * last),) * len(spans)
+            case f.Elementary(function="sqrt") if self(node.operand)[0][0] < 0.0:
+                raise _UnboundedError
+            case f.Arithmetic(operator="^") if self(node.right)[0] != (2.0, 2.0):
+                raise _UnboundedError
+            case _:
+                return super()._spans(node)
