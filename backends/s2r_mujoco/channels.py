@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import chain, count
+from operator import attrgetter
 from typing import Any
 
 import mujoco
@@ -132,34 +133,22 @@ def _joint_channels(model: Any) -> list[Computed]:
     for name, own in joint_channels(model).items():
         end = name.removeprefix("q")
         kind, angle, force = ("slides", "m", "N") if end else ("hinges", "rad", "N*m")
-        width, names = len(own), own.names
-        found += [
-            Computed(
-                Channel(f"q{end}", angle, f"positions of the {kind}", width, names),
-                _columns("qpos", own.qpos),
-            ),
-            Computed(
-                Channel(f"dq{end}", f"{angle}/s", f"velocities of the {kind}", width, names),
-                _columns("qvel", own.dof),
-            ),
-            Computed(
-                Channel(
-                    f"tau{end}",
-                    force,
-                    "by the actuators, within the physics step after the sample",
-                    width,
-                    names,
-                ),
-                _columns("torque", own.dof),
-            ),
-        ]
+        for stem, unit, words, field, index in (
+            ("q", angle, f"positions of the {kind}", "qpos", own.qpos),
+            ("dq", f"{angle}/s", f"velocities of the {kind}", "qvel", own.dof),
+            ("tau", force, "by the actuators, within the physics step after the sample", "torque", own.dof),
+        ):
+            channel = Channel(f"{stem}{end}", unit, words, len(own), own.names)
+            found.append(Computed(channel, _columns(field, index)))
     return found
 
 
 def _control_channels(model: Any, plan: Plan, acts: bool, trained: bool) -> list[Computed]:
     if acts:
         names = tuple(model.actuator(i).name or f"actuator {i}" for i in range(model.nu))
-        return [Computed(Channel("ctrl", "", "controls of the actuators", model.nu, names), _whole("target"))]
+        return [
+            Computed(Channel("ctrl", "", "controls of the actuators", model.nu, names), attrgetter("target"))
+        ]
     joints, n = plan.joints, len(plan.joints)
     order = np.argsort(joints.qpos)
     names = tuple(joints.names[i] for i in order)
@@ -170,7 +159,7 @@ def _control_channels(model: Any, plan: Plan, acts: bool, trained: bool) -> list
     found = [Computed(targets, lambda record: record.target[:, order])]
     if trained:
         action = Channel("action", "", "the policy's output; in its own order", len(moved), moved)
-        found.append(Computed(action, _whole("action")))
+        found.append(Computed(action, attrgetter("action")))
     return found
 
 
@@ -214,14 +203,6 @@ def _constant(place: int) -> Compute:
 def _columns(name: str, index: Any) -> Compute:
     def compute(record: Record) -> FloatArray:
         values: FloatArray = getattr(record, name)[:, index]
-        return values
-
-    return compute
-
-
-def _whole(name: str) -> Compute:
-    def compute(record: Record) -> FloatArray:
-        values: FloatArray = getattr(record, name)
         return values
 
     return compute
@@ -292,7 +273,7 @@ def _sensor_channels(model: Any, taken: set[str]) -> list[Computed]:
         first, width = int(model.sensor_adr[sensor]), int(model.sensor_dim[sensor])
         names = AXES if width == 3 else ()
         channel = Channel(name, _unit(model, sensor), "sensor of the model", width, names)
-        found.append(Computed(channel, _columns("sensors", _index(first, width))))
+        found.append(Computed(channel, _columns("sensors", slice(first, first + width))))
     return found
 
 
@@ -303,10 +284,6 @@ def _are_names(words: Iterable[str]) -> bool:
     except SpecError:
         return False
     return True
-
-
-def _index(first: int, width: int) -> Any:
-    return first if width == 1 else slice(first, first + width)
 
 
 def _unit(model: Any, sensor: int) -> str:

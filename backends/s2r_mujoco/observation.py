@@ -231,16 +231,16 @@ def down(model: Any) -> FloatArray:
     return np.asarray(model.opt.gravity / length) if length else np.array([0.0, 0.0, -1.0])
 
 
+_SENSES: dict[Any, Senses] = {
+    mujoco.mjtSensor.mjSENS_GYRO: "angular", mujoco.mjtSensor.mjSENS_VELOCIMETER: "vector",
+    mujoco.mjtSensor.mjSENS_ACCELEROMETER: "vector", mujoco.mjtSensor.mjSENS_JOINTPOS: "position",
+}  # fmt: skip
+"""Definition: type of a sensor → what it is to an error of sensing."""
+
+
 def sensed(model: Any, sensor: int, term: Term, read: Read) -> Part:
     """Return the part of a sensor of the model."""
-    kinds, kind = mujoco.mjtSensor, int(model.sensor_type[sensor])
-    senses: Senses = "other"
-    if kind == int(kinds.mjSENS_GYRO):
-        senses = "angular"
-    elif kind in (int(kinds.mjSENS_VELOCIMETER), int(kinds.mjSENS_ACCELEROMETER)):
-        senses = "vector"
-    elif kind == int(kinds.mjSENS_JOINTPOS):
-        senses = "position"
+    senses = _SENSES.get(mujoco.mjtSensor(int(model.sensor_type[sensor])), "other")
     joint = int(model.sensor_objid[sensor]) if senses == "position" else 0
     dof = model.jnt_dofadr[[joint]].astype(np.intp) if model.njnt else np.zeros(0, dtype=np.intp)
     return Part(term, int(model.sensor_dim[sensor]), read, senses, dof)

@@ -138,15 +138,8 @@ class Robot:
     def files(self) -> tuple[Path, ...]:
         """Every file that decides a trace: robot file, model, deploy files, policy, the user's code."""
         policy = () if self.policy is None else self.policy.files
-        own = self.own_effects.files
-        return (
-            self.description.path,
-            *own,
-            *self.deployment.files,
-            *self.file.files,
-            *policy,
-            *self.code_files,
-        )
+        stated = (self.description.path, *self.own_effects.files, *self.deployment.files)
+        return (*stated, *self.file.files, *policy, *self.code_files)
 
     def digest(self, extra: str) -> str:
         """Return the hash over all files, versions and this package's source."""
@@ -212,13 +205,9 @@ class Robot:
 
     @property
     def _width(self) -> int | None:
-        return (
-            Observer(self.parts, self.plan).width
-            if self.parts
-            else self.policy.width
-            if self.policy
-            else None
-        )
+        if self.parts:
+            return Observer(self.parts, self.plan).width
+        return self.policy.width if self.policy else None
 
     def refuse_width(self, parts: tuple[Part, ...]) -> None:
         """Refuse a policy whose input or output has another width than the files say; () for unknown terms."""

@@ -99,11 +99,7 @@ def _action(log: Log) -> Iterator[Finding]:
     made = np.array([policy(row) for row in observed.astype(np.float32)], dtype=np.float64)
     names = [log.plan.joints.names[k] for k in log.plan.law.moved]
     found = judged("action", made, action, names)
-    yield (
-        Finding("action", "the policy returns it for the logged observations")
-        if found.holds
-        else _finding(log, "action", "action", found)
-    )
+    yield _finding(log, "action", "action", found, "the policy returns it for the logged observations")
 
 
 def _target(log: Log) -> Iterator[Finding]:
@@ -122,11 +118,7 @@ def _target(log: Log) -> Iterator[Finding]:
             "target − offset", (made - log.plan.pose)[:, order], target - log.plan.pose[order], names
         )
         found = rest if rest.mistake is not None and rest.left < found.left else found
-    yield (
-        Finding("target", "offset + scale · action, as the files say")
-        if found.holds
-        else _finding(log, "target", "target", found)
-    )
+    yield _finding(log, "target", "target", found, "offset + scale · action, as the files say")
 
 
 def _torque(log: Log) -> Iterator[Finding]:
@@ -207,8 +199,10 @@ def _fit(error: FloatArray, speed: FloatArray, torque: FloatArray) -> tuple[floa
     return float(gains[0]), float(gains[1]), float(np.sum((torque[free] - x @ gains) ** 2))
 
 
-def _finding(log: Log, topic: str, name: str, found: Verdict) -> Finding:
-    """Return the finding of an equation that does not hold."""
+def _finding(log: Log, topic: str, name: str, found: Verdict, right: str = "") -> Finding:
+    """Return the finding of an equation; ``right`` are the words of one that holds."""
+    if found.holds:
+        return Finding(topic, right)
     share = found.error / max(found.size, 1e-12)
     since = "" if found.since <= 1 else f" from t = {log.trace.times[found.since]:g} s on"
     off = f"off by {100.0 * share:.3g} % of its rms"
