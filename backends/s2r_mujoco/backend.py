@@ -173,13 +173,8 @@ class RobotBackend:
     @cached_property
     def model_hash(self) -> str:
         """Hash of the robot file, of every file that it names or includes, of versions and of this package."""
-        return self._robot.digest(
-            repr(sorted(self._defaults.items()))
-            + repr(self._choice or "")
-            + self.variant
-            + self.loop_keys
-            + "torque before" * self.torque_before
-        )
+        own = repr(sorted(self._defaults.items())) + repr(self._choice or "") + self.variant
+        return self._robot.digest(own + self.loop_keys + "torque before" * self.torque_before)
 
     def with_duration(self, seconds: float) -> Self:
         """Return this backend with rollouts of this duration [s], rounded up to whole control periods."""

@@ -95,18 +95,9 @@ def check_with(
         provenance["recorded"] = list(design.notes)
     provenance |= machine_fields(scorer, options.terms.void)
     journal = open_journal(folder, provenance, spec, options.resume)
-    attended = is_exclusive(scorer.backend)
-    options.watching.begin(
-        Phase(
-            "ρ",
-            rho_unit(spec, requirement),
-            scorer.name,
-            spec.space.units,
-            search.budget,
-            attended,
-            search.settings if design is None else None,
-        )
-    )
+    unit, settings = rho_unit(spec, requirement), search.settings if design is None else None
+    about = unit, scorer.name, spec.space.units, search.budget, is_exclusive(scorer.backend), settings
+    options.watching.begin(Phase("ρ", *about))
     if design is not None:
         observe(search, design, RecordedExperiment(design, scorer, journal), options.watching)
     else:

@@ -125,17 +125,9 @@ def gap_with(
         journals[side] = open_journal(folder / side, header, spec, options.resume)
     # From these settings an observer may forecast the end; the verdict of certify ends it earlier.
     settings = replace(search.settings, stop=EPSILON) if search.settings.stop == DECIDED else search.settings
-    options.watching.begin(
-        Phase(
-            "Δ",
-            rho_unit(spec, requirement),
-            pairing.real.name if pairing.recorded is None else pairing.sim.name,
-            spec.space.units,
-            search.budget,
-            is_exclusive(machine),
-            settings if pairing.recorded is None else None,
-        )
-    )
+    counted, forecast = (pairing.real, settings) if pairing.recorded is None else (pairing.sim, None)
+    about = counted.name, spec.space.units, search.budget, is_exclusive(machine), forecast
+    options.watching.begin(Phase("Δ", rho_unit(spec, requirement), *about))
     with (
         options.runner(pairing.sim.passed, pairing.real.passed) as runner,
         runner_for(runner, machine, journals["real"], terms, search.budget) as attended,

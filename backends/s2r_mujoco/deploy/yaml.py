@@ -95,13 +95,8 @@ def numbers(text: str, source: str) -> tuple[Number, ...]:
         elif node.style is None and _NUMBER.fullmatch(node.value):
             place = node.start_mark.index, node.end_mark.index
             before = found[place].paths if place in found else ()
-            found[place] = Number(
-                (*before, path),
-                *place,
-                node.start_mark.line + 1,
-                float(node.value),
-                bool(_WHOLE.fullmatch(node.value)),
-            )
+            line, whole = node.start_mark.line + 1, bool(_WHOLE.fullmatch(node.value))
+            found[place] = Number((*before, path), *place, line, float(node.value), whole)
 
     if parse(text, source) is not None:
         walk(_node(text, source), ())

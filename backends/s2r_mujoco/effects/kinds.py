@@ -14,13 +14,8 @@ from s2r_mujoco.arrays import FloatArray, IntArray
 from s2r_mujoco.joints import actuator_of, name_of, scalar_joints
 from s2r_mujoco.plan import Plan
 
-SIDES = frozenset(
-    [
-        *("left", "right", "front", "rear", "hind", "back", "joint"),
-        *"lrfhb",
-        *(one + two for one in "frhlb" for two in "frhlb"),
-    ]
-)
+_PAIRS = [one + two for one in "frhlb" for two in "frhlb"]
+SIDES = frozenset(["left", "right", "front", "rear", "hind", "back", "joint", *"lrfhb", *_PAIRS])
 """Definition: parts of a joint's name that say where on a robot it is."""
 KINDS = 4
 """Budget: most kinds of joints with sizes of their own; of more, all joints share one, in parts of their scales."""

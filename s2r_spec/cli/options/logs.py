@@ -94,17 +94,10 @@ class LogForm:
         from s2r_spec.logs.topics.join import Joining
         from s2r_spec.recordings.log_episodes import EpisodeSettings, read_longest
 
-        valid = read_longest(self.longest or [])
-        return EpisodeSettings(
-            read_map(self.columns or []),
-            self.time_unit,
-            Joining.of_options(self.clock, self.join, self.stamps),
-            self.when,
-            self.start,
-            self.duration,
-            sources,
-            valid,
-        )
+        valid, columns = read_longest(self.longest or []), read_map(self.columns or [])
+        joining = Joining.of_options(self.clock, self.join, self.stamps)
+        cuts = self.when, self.start, self.duration
+        return EpisodeSettings(columns, self.time_unit, joining, *cuts, sources, valid)
 
 
 @options

@@ -57,13 +57,8 @@ def follow(readline: Callable[[int], str], request: ColumnRequest) -> Rows:
         for line, row in text.rows(needed):
             columns = {number: _column(row[number]) for number in needed}
             table = Table(text.heads, columns, text.meta, line_places(text.heads, [line]))
-            stamps = times.read(
-                [columns[number] for number in plan.times],
-                heads,
-                request.time_unit,
-                table.places(plan.times[0]),
-                first,
-            )
+            own, place = [columns[number] for number in plan.times], table.places(plan.times[0])
+            stamps = times.read(own, heads, request.time_unit, place, first)
             if first is None:
                 text.notes.extend(stamps.notes)
             first = stamps.first

@@ -206,18 +206,8 @@ def _mcap_record(kind: int, body: BytesIO, schemas: dict[int, Schema]) -> list[C
             definition = get_msgdef(schema)
         except KeyError:  # the messages of another world than ROS 2
             definition = MessageDefinition(Format.NONE, "")
-        return [
-            Connection(
-                number,
-                topic,
-                schema.name if schema else "",
-                definition,
-                "",
-                0,
-                ConnectionExtRosbag2(encoding, get_qos(metadata)),
-                None,
-            )
-        ]
+        name, more = schema.name if schema else "", ConnectionExtRosbag2(encoding, get_qos(metadata))
+        return [Connection(number, topic, name, definition, "", 0, more, None)]
     body.seek(4, 1)
     received = int.from_bytes(body.read(8), "little")
     body.seek(8, 1)
