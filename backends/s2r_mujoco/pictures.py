@@ -224,9 +224,7 @@ def _open_screen() -> Any:
         try:
             context = import_module(f"mujoco.{library}").GLContext(WIDTH, HEIGHT)
             context.make_current()
-        except (
-            Exception
-        ):  # whatever a missing driver makes PyOpenGL raise: AttributeError, ImportError, GLError
+        except Exception:  # whatever a missing driver makes PyOpenGL raise, such as an AttributeError
             continue
         return context
     raise UsageError(

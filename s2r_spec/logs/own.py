@@ -48,7 +48,8 @@ def rows(trace: Trace) -> tuple[FloatArray, Mapping[str, FloatArray], dict[str, 
     stamps_of_all = [one.times for one in trace.messages.values()]
     each = np.unique(np.concatenate(stamps_of_all if clock is None else [*stamps_of_all, clock]))
     times = np.repeat(each, [counts.get(stamp, 1) for stamp in each.tolist()] if counts else 1)
-    channels, described = {}, {}
+    channels: dict[str, FloatArray] = {}
+    described: dict[str, dict[str, Any]] = {}
     for name, one in trace.messages.items():
         # The n-th message of a stamp stands in the n-th row of this stamp.
         first = np.searchsorted(one.times, one.times, side="left")
@@ -59,17 +60,11 @@ def rows(trace: Trace) -> tuple[FloatArray, Mapping[str, FloatArray], dict[str, 
         own[place] = True
         channels[name] = values
         numbers = {key: getattr(one, key) for key in _NUMBERS}
-        described[name] = {
-            "own": _pack(own),
-            "linear": one.linear,
-            # JSON has no infinite numbers.
-            **(
-                {"invalid": [[at if math.isfinite(at) else None for at in span] for span in one.invalid]}
-                if one.invalid
-                else {}
-            ),
-            **{key: number for key, number in numbers.items() if math.isfinite(number)},
-        }
+        described[name] = {"own": _pack(own), "linear": one.linear}
+        # JSON has no infinite numbers.
+        if spans := [[at if math.isfinite(at) else None for at in span] for span in one.invalid]:
+            described[name]["invalid"] = spans
+        described[name] |= {key: number for key, number in numbers.items() if math.isfinite(number)}
     record = {"version": VERSION, "messages": described, "since": trace.since, "until": trace.until}
     return times, channels, record if clock is None else {**record, "clock": _pack(np.isin(times, clock))}
 

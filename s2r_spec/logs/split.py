@@ -47,13 +47,7 @@ def _cut_table(table: Table, begins: list[int], count: int) -> list[Table]:
 
 def _rows(table: Table, first: int, end: int) -> Table:
     columns = {
-        number: column
-        if column.fault
-        else replace(
-            column,
-            values=column.values[first:end],
-            missing=None if column.missing is None else column.missing[first:end],
-        )
+        number: column if column.fault else column.only(slice(first, end))
         for number, column in table.columns.items()
     }
     return replace(table, columns=columns, place=lambda sample, number: table.place(first + sample, number))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import stat
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -71,6 +71,11 @@ class Column:
     def without(cls, fault: str) -> Column:
         """Return a column that cannot be read, with the reason."""
         return cls(np.zeros(0), fault=fault)
+
+    def only(self, kept: Any) -> Column:
+        """Return some of the samples, by a slice, their numbers or a mask."""
+        missing = None if self.missing is None else self.missing[kept]
+        return replace(self, values=self.values[kept], missing=missing)
 
     @property
     def texts(self) -> bool:

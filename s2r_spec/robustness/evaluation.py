@@ -142,10 +142,8 @@ class Reading:
         """Return a walk over samples or curves."""
         if self.interpolation == "samples":
             return walk_samples(self.samples)
-        from s2r_spec.robustness.dense import (
-            ContinuousSignals,
-            curve_algebra,
-        )  # most traces need only samples
+        # here, since most traces need only samples
+        from s2r_spec.robustness.dense import ContinuousSignals, curve_algebra
 
         samples = replace(self.samples, clock=Ticks.of(self.times))
         return Walk(curve_algebra(ContinuousSignals(samples, self.interpolation, self.snap)), self.until)

@@ -89,14 +89,11 @@ class Deployment:
     action_scale: tuple[float, ...] = ()
     action_offset: tuple[float, ...] = ()  # [rad]; () where the file leaves it out
     action_clip: tuple[tuple[float, float], ...] = ()
-    action_clip_first: bool = (
-        False  # clips the policy's output (and last_action); else the target after the offset
-    )
+    action_clip_first: bool = False  # clips the policy's output, and last_action; else the target
     action_joints: tuple[int, ...] = ()  # indices in policy order that the action moves; () all of them
     velocity_joints: tuple[int, ...] = ()  # indices in policy order whose target is a velocity
-    held: Mapping[int, tuple[float, float, float]] = field(
-        default_factory=dict
-    )  # motor that holds one position: that [rad], stiffness and damping
+    # motor that holds one position: that [rad], stiffness and damping
+    held: Mapping[int, tuple[float, float, float]] = field(default_factory=dict)
     command_ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     command_scale: tuple[float, ...] = ()  # as the term velocity_commands has it
     policy: str = ""  # path as the file writes it

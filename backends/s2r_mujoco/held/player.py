@@ -78,18 +78,10 @@ class Player:
         rotates = next(one for one in robot.channels if one.name == "target").unit == "rad"
         length, force = ("rad", "N*m") if rotates else ("", "")
         q = moved.targets[:, order]
-        units = (
-            {"q": length, "dq": f"{length}/s", "kp": f"{force}/rad", "kd": f"{force}*s/rad"}
-            if rotates
-            else {}
-        )
+        units = {"q": length, "dq": f"{length}/s", "kp": f"{force}/rad", "kd": f"{force}*s/rad"}
         times = plan.step * np.arange(len(q), dtype=np.float64)
-        return Trace(
-            times,
-            {"q": q, "dq": np.zeros_like(q), "kp": kp, "kd": kd},
-            units,
-            {PROTOCOL: name, "params": values},
-        )
+        channels = {"q": q, "dq": np.zeros_like(q), "kp": kp, "kd": kd}
+        return Trace(times, channels, units if rotates else {}, {PROTOCOL: name, "params": values})
 
     def run(self, moved: Motion, seed: int, added: Choice, variant: str) -> Record:
         """Play a protocol from its first pose."""

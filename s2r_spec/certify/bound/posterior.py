@@ -49,9 +49,7 @@ class Spectral:
 
     def __init__(self, kernel: Kernel) -> None:
         self._kernel = kernel
-        self._rows: dict[
-            int, FloatArray
-        ] = {}  # of each point with data: (P,) covariances, each computed once
+        self._rows: dict[int, FloatArray] = {}  # (P,) covariances of each point with data, each computed once
 
     def condition(self, points: FloatArray, samples: OutcomeSamples) -> Conditioned:
         """Condition on samples; see :class:`Engine`."""

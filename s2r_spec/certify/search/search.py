@@ -65,9 +65,7 @@ class Search:
         self.space, self.kernel, self.unit = settings.space, settings.kernel, settings.unit
         self.B, self.R, self.delta, self.epsilon = settings.B, settings.R, settings.delta, settings.epsilon
         self._state = SearchState.of(settings)
-        self._open: dict[
-            int, tuple[Query, int]
-        ] = {}  # of the batch that is asked: query and index of its point
+        self._open: dict[int, tuple[Query, int]] = {}  # of the batch that is asked: query and its point
         self._answers: dict[int, FloatArray] = {}
 
     def refuse_hopeless(self) -> None:

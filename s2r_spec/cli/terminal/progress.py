@@ -67,11 +67,9 @@ class SearchProgress:
         """Return an estimate of the rollouts that are left; None before there is one."""
         if self.phase is None:
             return None
-        total = (
-            self.forecast.total(self.certificate, self.worst)
-            if self.forecast is not None
-            else self.phase.budget
-        )
+        total: float | None = self.phase.budget
+        if self.forecast is not None:
+            total = self.forecast.total(self.certificate, self.worst)
         if total is None:
             return None
         # The batch that runs is finished in any case.

@@ -159,9 +159,7 @@ class Pace:
         """Return the time of so many rollouts in so many batches [s]; None before the first batch ended."""
         if not self.counted or self.between is None:
             return None
-        if (
-            self.paired
-        ):  # the simulated rollouts take most of it, and are as many in proportion as the real ones
+        if self.paired:  # the simulated rollouts take most of it, in proportion to the real ones
             times = left / self.size
         else:
             grown = 1 + GROWTH * (self.batches + (batches + 1) / 2)

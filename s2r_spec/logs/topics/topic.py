@@ -86,14 +86,7 @@ class Topic:
 
     def only(self, kept: NDArray[Any]) -> Topic:
         """Return some of the messages, by their numbers or as a mask."""
-        columns = {
-            name: Column(
-                one.values[kept] if not one.fault else one.values,
-                None if one.missing is None else one.missing[kept],
-                one.fault,
-            )
-            for name, one in self.columns.items()
-        }
+        columns = {name: one if one.fault else one.only(kept) for name, one in self.columns.items()}
         return replace(self, stamps=self.stamps[kept], columns=columns)
 
 
