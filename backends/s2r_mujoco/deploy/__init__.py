@@ -12,8 +12,7 @@ from typing import Any
 
 from s2r_mujoco.deploy import rl_gym, rl_sar, unitree
 from s2r_mujoco.deploy.onnx_metadata import of_metadata as of_metadata
-from s2r_mujoco.deploy.record import Deployment as Deployment
-from s2r_mujoco.deploy.record import Term as Term
+from s2r_mujoco.deploy.record import Deployment
 from s2r_mujoco.deploy.yaml import read
 from s2r_spec.errors import UsageError, one_of
 

@@ -37,7 +37,6 @@ class Noise:
         upper: upper 95 % limit of the standard deviation; the deviation of the noisiest test, if that is larger.
         largest: the largest deviation of an outcome from the mean of its test.
         noisiest: the test with more noise than the others; None if they are alike.
-        kurtosis: the kurtosis of the residuals; 3 for Gaussian noise.
         warning: one sentence if the noise looks heavy-tailed, else "".
     """
 
@@ -46,7 +45,6 @@ class Noise:
     upper: float
     largest: float
     noisiest: int | None
-    kurtosis: float
     warning: str
 
 
@@ -62,7 +60,7 @@ def noise_of(groups: Sequence[ArrayLike]) -> Noise:
     scatter = np.array([float(((values[i] - values[i].mean()) ** 2).sum()) for i in replicated])
     rollouts = int(degrees.sum()) + len(replicated)
     if not scatter.sum():
-        return Noise(rollouts, 0.0, 0.0, 0.0, None, 3.0, "")
+        return Noise(rollouts, 0.0, 0.0, 0.0, None, "")
     noisiest = _noisiest(scatter, degrees)
     std = math.sqrt(scatter.sum() / degrees.sum())
     upper = std * _upper_factor(int(degrees.sum()))
@@ -71,14 +69,9 @@ def noise_of(groups: Sequence[ArrayLike]) -> Noise:
     # Scaled, so that a residual from m outcomes has the variance of one outcome.
     plain = [values[i] - values[i].mean() for i in replicated]
     residuals = np.concatenate([r * math.sqrt(len(r) / (len(r) - 1)) for r in plain])
-    return Noise(
-        rollouts,
-        std,
-        upper,
-        float(max(np.abs(r).max() for r in plain)),
-        None if noisiest is None else replicated[noisiest],
-        *_tail(residuals),
-    )
+    largest = float(max(np.abs(r).max() for r in plain))
+    place = None if noisiest is None else replicated[noisiest]
+    return Noise(rollouts, std, upper, largest, place, _tail(residuals))
 
 
 def _noisiest(scatter: FloatArray, degrees: FloatArray) -> int | None:
@@ -102,8 +95,8 @@ def _upper_factor(degrees: int) -> float:
     return math.sqrt(degrees / chi2.ppf(1 - UPPER, degrees))
 
 
-def _tail(residuals: FloatArray) -> tuple[float, str]:
-    """Return the kurtosis of (n,) residuals, and a sentence if they look heavy-tailed."""
+def _tail(residuals: FloatArray) -> str:
+    """Return a sentence if (n,) residuals look heavy-tailed, "" if they do not."""
     std = math.sqrt(float(np.mean(residuals**2)))
     kurtosis = float(np.mean(residuals**4)) / std**4
     farthest = float(np.abs(residuals).max()) / std
@@ -111,8 +104,8 @@ def _tail(residuals: FloatArray) -> tuple[float, str]:
     tail = kurtosis > 3 + 4 * math.sqrt(24 / len(residuals))
     rare = farthest > NormalDist().inv_cdf(1 - 0.5e-4 / len(residuals))
     if not (tail or rare):
-        return kurtosis, ""
-    return kurtosis, (
+        return ""
+    return (
         f"the noise looks heavy-tailed (kurtosis {kurtosis:.1f}, largest residual {farthest:.1f} standard "
         f"deviations): a standard deviation is not a proxy for it; use a proven range, R = (b − a)/2"
     )
