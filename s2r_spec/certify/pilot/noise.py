@@ -32,7 +32,6 @@ class Noise:
     """The noise of one rollout.
 
     Attributes:
-        rollouts: number of outcomes at replicated tests.
         std: its standard deviation, pooled over all tests; 0 if all replicates of every test are equal.
         upper: upper 95 % limit of the standard deviation; the deviation of the noisiest test, if that is larger.
         largest: the largest deviation of an outcome from the mean of its test.
@@ -40,7 +39,6 @@ class Noise:
         warning: one sentence if the noise looks heavy-tailed, else "".
     """
 
-    rollouts: int
     std: float
     upper: float
     largest: float
@@ -58,9 +56,8 @@ def noise_of(groups: Sequence[ArrayLike]) -> Noise:
             f"the pilot has {degrees.sum()} replicates beyond the first of each test; it needs at least {FEWEST}"
         )
     scatter = np.array([float(((values[i] - values[i].mean()) ** 2).sum()) for i in replicated])
-    rollouts = int(degrees.sum()) + len(replicated)
     if not scatter.sum():
-        return Noise(rollouts, 0.0, 0.0, 0.0, None, "")
+        return Noise(0.0, 0.0, 0.0, None, "")
     noisiest = _noisiest(scatter, degrees)
     std = math.sqrt(scatter.sum() / degrees.sum())
     upper = std * _upper_factor(int(degrees.sum()))
@@ -71,7 +68,7 @@ def noise_of(groups: Sequence[ArrayLike]) -> Noise:
     residuals = np.concatenate([r * math.sqrt(len(r) / (len(r) - 1)) for r in plain])
     largest = float(max(np.abs(r).max() for r in plain))
     place = None if noisiest is None else replicated[noisiest]
-    return Noise(rollouts, std, upper, largest, place, _tail(residuals))
+    return Noise(std, upper, largest, place, _tail(residuals))
 
 
 def _noisiest(scatter: FloatArray, degrees: FloatArray) -> int | None:
