@@ -47,7 +47,7 @@ NEAR = 0.05
 SECONDS, MOST = 30.0, 8
 """Budget: declared time of all runs at the best set and its rivals [s], as far as it allows more runs of a test than
 the library has; most runs of a test, as many as there are nominal ones."""
-SIMULATED = 12
+SIMULATED = 18
 """Budget: sizes at which the simulator runs for the best set and its rivals: two for each, and a few more."""
 
 Simulate = Callable[[FloatArray, int], "list[FloatArray]"]
@@ -152,7 +152,9 @@ class _Search:
     def run_rivals(self, runs: int) -> None:
         """Compare the best set and its rivals again with so many runs of every test, which scatter less."""
         first = self.found
-        best = {self.shown(members): members for members in reversed(self.best_and_rivals())}
+        best = {
+            self.shown(members): members for members in reversed([*self.best_and_rivals(), *self.longer()])
+        }
         best.setdefault((), ())
         self.runs, self.found, self.near = runs, {}, {}
         self.try_set((), np.zeros(self.prior.low.size))
@@ -172,6 +174,14 @@ class _Search:
         large = [k for k in final.members if abs(final.theta[k]) >= NAMED]
         without = [next(one for one in ranked if k not in self.shown(one)) for k in large]
         return list(dict.fromkeys([ranked[0], *without]))
+
+    def longer(self) -> list[Set]:
+        """Return the best sets that have one large cause more than the best one: few runs may not show it."""
+        ranked = self.ranked()
+        best = {*self.shown(ranked[0])}
+        more = {self.shown(one): one for one in reversed(ranked) if best < {*self.shown(one)}}
+        own = [one for shown, one in reversed(more.items()) if len(shown) == len(best) + 1]
+        return own[:BESIDE]
 
     def shown(self, members: Set) -> Set:
         """Return the causes of a set that are no background."""

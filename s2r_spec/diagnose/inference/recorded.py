@@ -1,27 +1,38 @@
 """Experiments of the real machine beside the simulator: the difference of both, and what scatters in it.
 
-Data: observables of the real runs of each experiment, and of runs of the simulator at some sizes. The variance of their
-difference is that of the mean of the real runs and that of the mean of the simulated ones. Instruments and repeated
-runs of the machine add to the first (:mod:`.instruments`). Effects may make runs of the simulator scatter more.
+Data: observables of R_m real runs of each experiment, of R runs of the simulator at some sizes, and of n nominal ones,
+the first with the same seeds. Unknown: μ, the simulator's mean at these sizes, and v, the variance of a run there.
+Model and estimator:
 
-Units: sizes in typical sizes. Shapes: K parameters; of each experiment m observables, of which n are used.
+    μ = mean of the R runs − c (mean of the nominal runs of the same seeds − mean of all nominal runs)
+    Var(real mean − μ) = (machine + v − nominal)/R_m + v (1/R − c² (1/R − 1/n))
+    v = f · (variance of the R runs, pooled with the nominal variance)
+
+Instruments and repeated runs of the machine add to the first variance (:mod:`.instruments`). An effect may make runs of
+the simulator scatter more, or less: f is one number for a kind of group in all tests (:mod:`.kinds`), so the luck of a
+few runs decides no score. c is the correlation of two runs of one seed, with an effect and without: a gait that is
+chaotic forgets its seed. It is the median over parameters of 1 − spread/(2 nominal variance), at typical sizes.
+
+Units: sizes in typical sizes. Shapes: K parameters; of each experiment m observables, of which n_p are used.
+Source: Glasserman, *Monte Carlo Methods in Financial Engineering* (2003), §4.1 (c, a control variate).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from s2r_spec.backend import Backend
 from s2r_spec.base.arrays import FloatArray
-from s2r_spec.diagnose.inference.hierarchical import DEGREES
 from s2r_spec.diagnose.inference.instruments import instrument_variance, white_noise
+from s2r_spec.diagnose.inference.kinds import Kinds
 from s2r_spec.diagnose.inference.observation import Observation
 from s2r_spec.diagnose.inference.prior import BACKGROUND
 from s2r_spec.diagnose.simulator.experiments import Experiment
-from s2r_spec.diagnose.simulator.response import ResponseLibrary, replicates
+from s2r_spec.diagnose.simulator.response import ResponseLibrary
 from s2r_spec.diagnose.simulator.runs import SEED
 from s2r_spec.trace import Trace
 
@@ -65,19 +76,20 @@ class Recorded:
                 )
                 every.append((one, np.array(whole)[:, one.kept], extra[one.kept]))
                 parts.append((_innovations(one, traces), _innovations(one, [nominal])))
-        ratios = _replicate_ratios(every)
-        for key, ratio in _innovation_ratios(every, parts).items():
-            ratios[key] = max(ratios.get(key, 1.0), ratio)
+        scatters = [one.response.scatter[one.kept] ** 2 for one, _, _ in every]
+        ratios = Kinds.of([one for one, _, _ in every]).ratios(
+            [rows.var(axis=0, ddof=min(1, len(rows) - 1)) for _, rows, _ in every],
+            [own + extra + 1e-12 for own, (_, _, extra) in zip(scatters, every, strict=True)],
+            [len(rows) - 1.0 for _, rows, _ in every],
+        )
+        innovations = _innovation_ratios(every, parts)
         observations, machine, scatter = [], [], []
-        for one, rows, extra in every:
-            own = one.response.scatter[one.kept] ** 2
-            variance = own + extra
+        for (one, rows, extra), own, ratio in zip(every, scatters, ratios, strict=True):
+            variance = (own + extra) * np.maximum(ratio, 1.0)
             for name, places in one.parts:
-                ratio = ratios[one.response.experiment.protocol, name]
-                if name[1] == "innovation":
-                    variance[places] = own[places] * ratio + extra[places]
-                else:
-                    variance[places] *= ratio
+                if (key := (one.response.experiment.protocol, name)) in innovations:
+                    most = max(innovations[key], float(ratio[places].max()))
+                    variance[places] = own[places] * most + extra[places]
             plain = replace(one, law=0.0, form=np.zeros_like(one.form), spread=np.zeros_like(one.spread))
             observations.append(plain)
             scatter.append(own)
@@ -93,45 +105,53 @@ class Recorded:
     def near(self, theta: FloatArray, rows: Sequence[FloatArray]) -> list[Observation]:
         """Return the observations, corrected by (R, m) runs of every experiment at (K,) sizes.
 
-        As many runs as the library has of a response have its seeds. All begin with the seeds of the nominal runs.
+        They begin with the seeds of the nominal runs.
         """
+        kinds, free = self.kinds, [len(own) - 1.0 for own in rows]
+        own_variances = [
+            own[:, one.kept].var(axis=0, ddof=1) if len(own) > 1 else scatter
+            for one, scatter, own in zip(self.observations, self.scatter, rows, strict=True)
+        ]
+        shapes = [
+            np.where(np.isfinite(own), (m * np.nan_to_num(own) + n * scatter) / (m + n), scatter)
+            for own, scatter, m, n in zip(
+                own_variances, self.scatter, free, self.nominal_degrees, strict=True
+            )
+        ]
+        ratios = kinds.ratios(own_variances, shapes, free)
         found = []
-        for one, machine, scatter, real, own in zip(
-            self.observations, self.machine, self.scatter, self.runs, rows, strict=True
-        ):
-            same = len(own) == replicates(one.response.experiment)
-            correction = own.mean(axis=0) - (one.response.reference if same else one.response.nominal)
-            correction[one.kept] -= one.moved(theta)
-            beyond = np.zeros_like(scatter)
-            if len(own) > 1:
-                beyond = np.nan_to_num(own[:, one.kept].var(axis=0, ddof=1))
-                for _, places in one.parts:  # two runs say little about a single observable
-                    beyond[places] = 0.5 * (beyond[places] + beyond[places].mean())
-                beyond = np.maximum(beyond - scatter, 0.0)
-            noise = machine + beyond / real + (scatter + beyond) / len(own)
+        for one, machine, scatter, real, shape, ratio, common, own in zip(
+            self.observations, self.machine, self.scatter, self.runs, shapes, ratios, self.common, rows,
+            strict=True,
+        ):  # fmt: skip
+            nominal, begin = one.response.nominal, one.response.runs[: len(own)]
+            correction = own.mean(axis=0) - nominal
+            correction[one.kept] -= common * (begin.mean(axis=0) - nominal)[one.kept] + one.moved(theta)
+            variance, seeds = ratio * shape, 1.0 / len(begin) - 1.0 / len(one.response.runs)
+            noise = machine + (variance - scatter) / real + variance * (1.0 / len(own) - common**2 * seeds)
             found.append(replace(one.corrected(correction, theta), noise=noise))
         return found
 
+    @cached_property
+    def kinds(self) -> Kinds:
+        """The kinds of group of the observations."""
+        return Kinds.of(self.observations)
 
-def _replicate_ratios(
-    every: Sequence[tuple[Observation, FloatArray, FloatArray]],
-) -> dict[tuple[str, tuple[str, str]], float]:
-    """Return protocol and group → f_g, by which repeated real runs scatter more than simulated ones; at least 1."""
-    total: dict[tuple[str, tuple[str, str]], float] = {}
-    free: dict[tuple[str, tuple[str, str]], float] = {}
-    for one, vectors, extra in every:
-        for (group, places), size in zip(one.parts, one.effective.tolist(), strict=True):
-            name = one.response.experiment.protocol, group
-            total.setdefault(name, DEGREES)
-            free.setdefault(name, DEGREES)
-            if len(vectors) > 1:
-                variance = one.response.scatter[one.kept][places] ** 2 + extra[places] + 1e-12
-                ratio = vectors[:, places].var(axis=0, ddof=1) / variance
-                if np.isfinite(ratio).any():
-                    number = (len(vectors) - 1) * size
-                    total[name] += number * float(np.nanmean(ratio))
-                    free[name] += number
-    return {name: max(value / free[name], 1.0) for name, value in total.items()}
+    @property
+    def nominal_degrees(self) -> list[float]:
+        """Degrees of freedom of the nominal scatter of every experiment."""
+        return [max(len(one.response.runs) - 1.0, 1.0) for one in self.observations]
+
+    @cached_property
+    def common(self) -> list[FloatArray]:
+        """(n,) c of the group of every observable, for every experiment."""
+        shares = []
+        for one, scatter in zip(self.observations, self.scatter, strict=True):
+            spread = one.response.spread[:, one.kept]
+            acting = spread[spread.any(axis=1)]
+            share = np.clip(1.0 - acting / np.maximum(2.0 * scatter, 1e-24), 0.0, 1.0)
+            shares.append(np.median(share, axis=0) if len(acting) else np.ones_like(scatter))
+        return self.kinds.means(shares)
 
 
 def _innovations(one: Observation, traces: Sequence[Trace]) -> dict[str, float]:
