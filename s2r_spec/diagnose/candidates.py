@@ -47,7 +47,7 @@ NEAR = 0.05
 SECONDS, MOST = 30.0, 8
 """Budget: declared time of all runs at the best set and its rivals [s], as far as it allows more runs of a test than
 the library has; most runs of a test, as many as there are nominal ones."""
-SIMULATED = 18
+SIMULATED = 12
 """Budget: sizes at which the simulator runs for the best set and its rivals: two for each, and a few more."""
 
 Simulate = Callable[[FloatArray, int], "list[FloatArray]"]

@@ -4,9 +4,10 @@ Data: for every group g of all experiments the mean squares of its residuals, E_
 the simulator with the set, each averaged over experiments of one kind of motion. Their unit is scatter, instruments and
 small amounts of all effects. With effects of another author's laws, the part ρ0 of every response is in it, too.
 
-    shown = Σ_g N_g log max(E_g(0), 1) / Σ_g N_g,    left = Σ_g N_g log max(E_g, 1) / Σ_g N_g log max(E_g(0), 1)
+    L(E) = Σ_g N_g max(log max(E_g, 1) − λ(N_g), 0),    shown = L(E(0)) / Σ_g N_g,    left = L(E) / L(E(0))
 
-N_g is the number of independent observables. Innovations do not count: they show the law of a machine's noise, too. A
+N_g is the number of independent observables of a group in all experiments, and λ(n) is what scatter alone gives on
+average: the mean of log max(χ²_n/n, 1). Innovations do not count: they show the law of a machine's noise, too. A
 set is rejected by the size of what it leaves, not by a p-value: no real machine has exactly the laws of its simulator,
 so with enough data every p-value is small.
 
@@ -17,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -58,7 +60,9 @@ class Misfit(Shown):
         each = [np.array([own == name for own in names]) for name in motion]
         before, after = ([float(one[own].mean()) for own in each] for one in (nominal, best))
         number = np.array([size[own].sum() for own in each])
-        misfit, rest = (float(number @ np.log(np.maximum(one, 1.0))) for one in (before, after))
+        chance = np.array([by_chance(float(n)) for n in number])
+        logs = (np.log(np.maximum(one, 1.0)) - chance for one in (before, after))
+        misfit, rest = (float(number @ np.maximum(one, 0.0)) for one in logs)
         return cls(
             len(observations), misfit / max(float(number.sum()), 1.0), rest / misfit if misfit else 0.0
         )
@@ -67,6 +71,15 @@ class Misfit(Shown):
     def rejected(self) -> bool:
         """Whether a misfit shows, and the set leaves more than a quarter of it."""
         return self.shown >= SHOWS and self.left > QUARTER
+
+
+@lru_cache(1_000)
+def by_chance(degrees: float) -> float:
+    """Return λ, the mean of log max(χ²_n/n, 1) with n degrees of freedom: the integral of P(log χ²_n/n > x)."""
+    from scipy.integrate import quad
+    from scipy.stats import chi2
+
+    return float(quad(lambda x: chi2.sf(degrees * np.exp(x), degrees), 0.0, 10.0)[0])
 
 
 def energies(
