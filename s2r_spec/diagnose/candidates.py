@@ -178,10 +178,12 @@ class _Search:
     def longer(self) -> list[Set]:
         """Return the best sets that have one large cause more than the best one: few runs may not show it."""
         ranked = self.ranked()
-        best = {*self.shown(ranked[0])}
-        more = {self.shown(one): one for one in reversed(ranked) if best < {*self.shown(one)}}
-        own = [one for shown, one in reversed(more.items()) if len(shown) == len(best) + 1]
-        return own[:BESIDE]
+        best, more = {*self.shown(ranked[0])}, dict[Set, Set]()
+        for members in ranked:
+            shown = self.shown(members)
+            if best < {*shown} and len(shown) == len(best) + 1:
+                more.setdefault(shown, members)
+        return [*more.values()][:BESIDE]
 
     def shown(self, members: Set) -> Set:
         """Return the causes of a set that are no background."""

@@ -22,7 +22,7 @@ import numpy as np
 from s2r_spec.backend import Backend
 from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import UsageError, one_of
-from s2r_spec.diagnose.candidates import Predicted, predicted
+from s2r_spec.diagnose.candidates import predicted
 from s2r_spec.diagnose.inference.gauss_newton import CLOSE, Errors, Fit, fit
 from s2r_spec.diagnose.inference.hierarchical import Likelihood, score_left
 from s2r_spec.diagnose.inference.misfit import Misfit, energies
@@ -65,7 +65,6 @@ class Estimate:
     fit: Fit
     posterior: ModelPosterior
     problem: Problem
-    predicted: Predicted | None = None
     misfit: Misfit | None = None
 
 
@@ -106,7 +105,7 @@ def estimate(
         likely = list(zip(first.sets[:PROPOSED], first.mean[:PROPOSED], strict=True))
         found = predicted(backend, library, seen, prior, executor, likely)
         if found is not None:
-            return Estimate(library, joint, found.posterior, problem, found, found.misfit)
+            return Estimate(library, joint, found.posterior, problem, found.misfit)
     for _ in range(corrections):
         before, deviation = moments(first)
         problem = corrected(problem, before)
