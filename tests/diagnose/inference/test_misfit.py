@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from s2r_spec.diagnose.inference.misfit import Misfit, energies
+from s2r_spec.diagnose.inference.misfit import Misfit, by_chance, energies
 from tests.diagnose.inference.test_prediction import EFFECTS, machine, nominal, signatures
 
 
@@ -15,14 +15,22 @@ def squares(data, value):
 
 def test_a_set_that_leaves_a_quarter_of_the_logarithm_is_the_last_one_that_counts():
     data = nominal(tests=4)
-    for left, rejected in ((1.0, False), (np.e**0.24, False), (np.e**0.26, True), (np.e, True)):
-        found = Misfit.of(data, squares(data, np.e), squares(data, left))
+    chance = np.tile([by_chance(4.0 * size) for size in data[0].effective], 4)
+    for left, rejected in ((0.0, False), (0.24, False), (0.26, True), (1.0, True)):
+        found = Misfit.of(data, np.exp(1.0 + chance), np.exp(left + chance))
         assert found.shown == pytest.approx(1.0)
-        assert found.left == pytest.approx(np.log(left))
+        assert found.left == pytest.approx(left)
         assert found.rejected is rejected
-    small = Misfit.of(data, squares(data, 1.05), squares(data, 1.05))
+    small = Misfit.of(data, squares(data, 1.2), squares(data, 1.2))
     assert small.left == pytest.approx(1.0)
     assert not small.rejected
+
+
+def test_scatter_alone_gives_no_misfit_on_average():
+    rng = np.random.default_rng(0)
+    for degrees in (3.0, 40.0):
+        drawn = rng.chisquare(degrees, 20_000) / degrees
+        assert by_chance(degrees) == pytest.approx(np.log(np.maximum(drawn, 1.0)).mean(), rel=0.05)
 
 
 def test_less_than_scatter_is_no_misfit():
