@@ -15,7 +15,7 @@ It is a **twin**. It shares the model's file and the policy with `backends/s2r_m
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -39,6 +39,8 @@ RISE, STRIBECK, SMOOTH, THIN = 1.0, 0.1, 0.02, 8.0
 JITTER = 0.1
 """Definition: standard deviation of a delay, in parts of it."""
 KINDS = ("hip", "thigh", "calf")
+SIGNED = ("encoder_offset", "imu_tilt", "gyro_bias", "com_offset", "slope")
+"""Definition: effects of two signs; the others are sizes or factors."""
 
 Array = NDArray[np.float64]
 Physics = Mapping[str, Mapping[str, float]]
@@ -58,35 +60,75 @@ class Mistake:
     target: Callable[[Array, Array], Array] | None = None
 
 
-class Machine:
-    """One Go1 with small amounts of all effects, some that are larger, and perhaps a mistake of its loop."""
+@dataclass(frozen=True)
+class Unmodelled:
+    """A cause that no catalogue has.
 
-    def __init__(self, seed: int, physics: Physics | None = None, mistake: Mistake | None = None) -> None:
+    Attributes:
+        name: in words.
+        build: changes the compiled model.
+        force: adds forces to the data before each physics step; it may draw numbers.
+    """
+
+    name: str
+    build: Callable[[mujoco.MjModel], None] | None = None
+    force: Callable[[mujoco.MjData, np.random.Generator], None] | None = None
+
+
+class Machine:
+    """One Go1 with small amounts of all effects, some that are larger, and perhaps a mistake of its loop.
+
+    Args:
+        seed: of the small amounts, and of noise and start of the runs.
+        physics: the effects that are larger.
+        mistake: of its loop.
+        unmodelled: a cause outside every catalogue.
+        noise: seed of noise and start of the runs alone.
+
+    Attributes:
+        values: effect → parameter → value of this machine, small amounts included.
+    """
+
+    def __init__(
+        self,
+        seed: int | Sequence[int],
+        physics: Physics | None = None,
+        mistake: Mistake | None = None,
+        *,
+        unmodelled: Unmodelled | None = None,
+        noise: Sequence[int] | None = None,
+    ) -> None:
         self.rng, self.mistake, self.physics = np.random.default_rng(seed), mistake, physics or {}
+        self.unmodelled = unmodelled or Unmodelled("nothing")
+        self.values: dict[str, dict[str, float]] = {}
         self.rub = self._joints("dry_friction", 0.03)
         self.grease = self._joints("viscous_friction", 0.005)
         self.offset = self._joints("encoder_offset", 0.002)
         self.tilt = np.radians([self._one("imu_tilt", axis, 0.1) for axis in ("roll", "pitch")])
         self.bias = np.array([self._one("gyro_bias", axis, 0.003) for axis in "xyz"])
-        self.sending = abs(self._one("action_delay", "time", 0.0005))
-        self.sensing = abs(self._one("observation_delay", "time", 0.0005))
+        self.sending = self._one("action_delay", "time", 0.0005)
+        self.sensing = self._one("observation_delay", "time", 0.0005)
         self.model = self._made()
         self.session = ort.InferenceSession(str(POLICY))
         self.home = self.model.key_qpos[0][7:].copy()
+        if noise is not None:
+            self.rng = np.random.default_rng(noise)
 
     def _one(self, effect: str, parameter: str, small: float, nominal: float = 0.0) -> float:
         """Return a number of the machine: the given one, or one near nominal."""
         other = nominal + small * float(self.rng.normal())
-        return self.physics.get(effect, {}).get(parameter, other)
+        value = self.physics.get(effect, {}).get(parameter, other)
+        value = value if effect in SIGNED else abs(value)
+        self.values.setdefault(effect, {})[parameter] = value
+        return value
 
     def _joints(self, effect: str, small: float, nominal: float = 0.0) -> Array:
-        each = [self._one(effect, kind, small, nominal) for kind in KINDS]
-        return np.array(4 * (each if effect == "encoder_offset" else np.abs(each).tolist()))
+        return np.array(4 * [self._one(effect, kind, small, nominal) for kind in KINDS])
 
     def _made(self) -> mujoco.MjModel:
         spec = mujoco.MjSpec.from_file(str(SCENE))
         spec.option.timestep = STEP
-        load = abs(self._one("payload", "mass", 0.1))
+        load = self._one("payload", "mass", 0.1)
         spec.body("trunk").add_geom(
             type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.08, 0.05, 0.02], pos=[0.0, 0.0, 0.08], mass=load,
             contype=0, conaffinity=0,
@@ -101,13 +143,15 @@ class Machine:
         model.actuator_gainprm[:, 0] *= strength
         model.actuator_biasprm[:, 1:3] *= strength[:, None]
         model.dof_armature[6:] += self._joints("armature", 0.0003)
-        model.geom_friction[:, 0] *= abs(self._one("ground_friction", "factor", 0.02, 1.0))
+        model.geom_friction[:, 0] *= self._one("ground_friction", "factor", 0.02, 1.0)
         lean = np.radians([self._one("slope", way, 0.1) for way in ("forward", "left")])
         model.opt.gravity[:] = 9.81 * np.array(
             [np.sin(lean[0]), np.sin(lean[1]), -np.sqrt(1.0 - np.sum(np.sin(lean) ** 2))]
         )
         turn = np.cross([0.0, 0.0, -1.0], model.opt.gravity / 9.81)
         self.level = np.array([np.sqrt(1.0 - 0.25 * turn @ turn), *(-0.5 * turn)])
+        if self.unmodelled.build is not None:
+            self.unmodelled.build(model)
         mujoco.mj_setConst(model, mujoco.MjData(model))
         return model
 
@@ -177,13 +221,15 @@ class Machine:
                     arrived = queue.pop(0)[1]
                 data.ctrl[:] = arrived - self.offset
                 data.qfrc_applied[6:] = self._friction(data.qvel[6:])
+                if self.unmodelled.force is not None:
+                    self.unmodelled.force(data, self.rng)
                 mujoco.mj_step(self.model, data)
                 rows[-1].setdefault(
                     "tau", data.actuator_force.copy()
                 )  # that of the tick's own target, as simulated
             if data.qpos[2] < FELL:
-                break
-        return _trace(rows, vd)
+                return _trace(rows, vd, {"source": "twin", "failure": "fell"})
+        return _trace(rows, vd, {"source": "twin"})
 
     def _received(self, sensed: list[dict[str, Array]]) -> dict[str, Array]:
         """Return what has arrived from the sensors: the computer, and its log, have nothing newer."""
@@ -197,7 +243,7 @@ class Machine:
         return -self.rub * rise * np.tanh(v / SMOOTH) - self.grease * THIN * np.arcsinh(v / THIN)
 
 
-def _trace(rows: list[dict[str, Array]], vd: float) -> Trace:
+def _trace(rows: list[dict[str, Array]], vd: float, meta: Mapping[str, str]) -> Trace:
     each = {name: np.array([row[name] for row in rows]) for name in rows[0]}
     zero = np.zeros(len(rows))
     channels = {
@@ -210,4 +256,4 @@ def _trace(rows: list[dict[str, Array]], vd: float) -> Trace:
         "q": "rad", "dq": "rad/s", "tau": "N*m", "gyro": "rad/s", "local_linvel": "m/s", "vx": "m/s", "height": "m",
         "vx_cmd": "m/s", "vy_cmd": "m/s", "wz_cmd": "rad/s",
     }  # fmt: skip
-    return Trace(TICK * np.arange(len(rows)), channels, units, {"source": "twin"})
+    return Trace(TICK * np.arange(len(rows)), channels, units, meta)

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -148,25 +148,31 @@ def without(trace: Trace, channels: tuple[str, ...]) -> Trace:
     return Trace(trace.times, kept, {k: u for k, u in trace.units.items() if k in kept}, trace.meta)
 
 
-def by_check(robot: HasLoop, logs: list[Trace], mistake: Mistake | None) -> tuple[bool, list[str]]:
-    """Return whether the check of the whole loop is right, and what it says."""
-    found = {
-        one.words for log in logs for one in robot.loop(log) if one.level == "wrong" and one.topic != "torque"
-    }
-    if mistake is None:
-        return not found, sorted(found)
-    return any(w.startswith(mistake.quantity) and mistake.kind in w for w in found), sorted(found)
+def checked(robot: HasLoop, logs: Sequence[Trace]) -> list[str]:
+    """Return what the check of the whole loop calls wrong in logs with everything."""
+    found = (one for log in logs for one in robot.loop(log))
+    return sorted({one.words for one in found if one.level == "wrong" and one.topic != "torque"})
 
 
-def by_replay(robot: HasLoop, logs: list[Trace], mistake: Mistake | None) -> tuple[bool, list[str]]:
-    """Return whether the replay of logs without the observations is right, and what it says."""
+def replayed(robot: HasLoop, logs: Sequence[Trace]) -> list[str]:
+    """Return the mistakes that the policy on the state of the logs surely shows."""
     found = robot.replayed(logs)
     assert found is not None
-    sure = found.explained and found.probability >= SURE
-    names = [one.name for one in found.mistakes] if sure else []
+    return [one.name for one in found.mistakes] if found.explained and found.probability >= SURE else []
+
+
+def is_checked(words: Sequence[str], mistake: Mistake | None) -> bool:
+    """Return whether the check of the whole loop is right: of a healthy machine, it says nothing."""
     if mistake is None:
-        return sure and not names, names
-    return len(names) == 1 and names[0].startswith(NAMES[mistake.name]), names
+        return not words
+    return any(one.startswith(mistake.quantity) and mistake.kind in one for one in words)
+
+
+def is_named(names: Sequence[str], mistake: Mistake | None) -> bool:
+    """Return whether just the mistake is named; of a healthy machine, none."""
+    if mistake is None:
+        return not names
+    return len(names) == 1 and names[0].startswith(NAMES[mistake.name])
 
 
 def main() -> None:
@@ -192,8 +198,9 @@ def main() -> None:
             name = mistake.name if mistake else f"healthy {number - len(MISTAKES) + 1}"
             rows[name] = {}
             for log, lacking in LOGS.items():
-                says = by_check if log == "check" else by_replay
-                good, rows[name][log] = says(robot, [without(run, lacking) for run in runs], mistake)
+                says, judged = (checked, is_checked) if log == "check" else (replayed, is_named)
+                rows[name][log] = says(robot, [without(run, lacking) for run in runs])
+                good = judged(rows[name][log], mistake)
                 right[log][mistake is None] += good
                 print(
                     "right" if good else "WRONG",
