@@ -41,14 +41,13 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.blind.scoring import SETTLED, Axes, Scored, acting_axes, scores
+from benchmarks.blind.scoring import MUST, SETTLED, Axes, Scored, acting_axes, scores
 from benchmarks.machine import describe
 from benchmarks.robots.go1 import KINDS, Machine, Mistake, Physics, Unmodelled
 from benchmarks.robots.isolability import LEVEL, chance
 from benchmarks.robots.machines import (
     LOGS,
     MISTAKES,
-    NAMES,
     checked,
     is_checked,
     is_named,
@@ -73,6 +72,7 @@ signal vx {m/s}
 param  vd {m/s} in [0.2, 0.8]
 const  tol = 0.15 {m/s}
 require walking: always[2 s, 4 s] (abs(vx - vd) <= tol)
+certify walking: fall = -1
 """
 WINDOW, TOLERANCE = (2.0, 4.0), 0.15
 """Definition: the window [s] and the tolerance [m/s] of the requirement, for the generator's own judgement."""
@@ -341,9 +341,7 @@ class Judged:
     def said(self, what: str) -> frozenset[str]:
         """Return the causes that are named, or possible; the true mistake by its name, others in words."""
         own, found = self.mistake, self.answer[what]
-        words = [
-            own.name if own and is_named([one], own) else NAMES.get(one, one) for one in found["mistakes"]
-        ]
+        words = [own.name if own and is_named([one], own) else one for one in found["mistakes"]]
         return frozenset([*found["effects"], *words])
 
     @property
@@ -431,7 +429,7 @@ def counts(cases: Sequence[Judged], axes: Axes) -> dict[str, Any]:
         low - 1e-9 <= size <= high + 1e-9
         for one in (*kinds["physics"], *kinds["pair"])
         for name, (size, _, low, high) in one.scored(axes).estimates.items()
-        if name.partition(".")[0] in one.label["effects"] and abs(size) >= SIZES[0] / 2.0
+        if name.partition(".")[0] in one.label["effects"] and abs(size) >= MUST
     ]
     effects = [one.scored(axes) for one in cases if one.kind != "unknown"]
     return {
