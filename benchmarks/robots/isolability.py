@@ -1,8 +1,8 @@
 """Can a cause be seen at all in a machine's logs? By its generator, which can run the machine without it.
 
 Data: y[c, r], for each feature, of R runs at each of C commands, of the machine with the cause and of the same machine
-without it, with other noise and other starts. Features are mean and standard deviation over time of each column that
-the robot logs, and the number of samples.
+without it, with other noise and other starts. Features are mean and standard deviation over time of each measured
+column that the robot logs, and the number of samples.
 
 Unknown: whether the cause changes any feature. Statistic of a feature: the difference between the machine with the
 cause and that without, averaged over commands, by the scatter within commands and machines,
@@ -31,7 +31,8 @@ LEVEL = 0.01
 
 def features(log: Trace) -> Array:
     """Return (F,) features of a log."""
-    columns = np.column_stack([np.asarray(log[name]) for name in sorted(log.channels)])
+    measured = [name for name in sorted(log.channels) if not name.endswith("_cmd")]
+    columns = np.column_stack([np.asarray(log[name]) for name in measured])
     return np.concatenate([columns.mean(axis=0), columns.std(axis=0), [len(columns)]])
 
 
