@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +18,7 @@ from s2r_spec.cli.options.groups import group_options, options, output_option, s
 from s2r_spec.cli.options.logs import LogReading
 from s2r_spec.cli.options.output import Form, writable, write
 from s2r_spec.cli.options.search import Compared, Running, Seed, SpecFile
-from s2r_spec.cli.terminal.common import begin_run, resumable, sentences
+from s2r_spec.cli.terminal.common import begin_run, pool, resumable, sentences
 from s2r_spec.cli.terminal.terminal import console
 
 if TYPE_CHECKING:
@@ -30,6 +31,12 @@ if TYPE_CHECKING:
 class Diagnosed(Compared):
     """What is diagnosed, from how many rollouts; each field is an option."""
 
+    real: str = typer.Option(
+        "",
+        help="Backend of the real machine: a robot, its logs as log:FOLDER, or a twin. Without it, the answer is which "
+        "effects tests and protocols would identify.",
+        show_default=False,
+    )
     seed: Seed = None
     budget: int | None = search_option(
         None,
@@ -134,10 +141,12 @@ def diagnose(
         forms = _forms()
         form = writing.settled(forms)
         names = campaign.names()
+        if not compared.real:
+            _before(spec, compared, running, campaign, writing)
+            return
         if campaign.as_found is not None:
             _writer(compared.sim)
-        parsed = load_spec(spec)
-        sim, real = compared.sim, compared.real
+        sim, real, parsed = compared.sim, compared.real, load_spec(spec)
         (machine,) = reading.backends([real], parsed, compared.requirements(parsed))
         if running.resume is not None:
             running = replace(running, resume=begun_in(running.resume))
@@ -163,14 +172,42 @@ def diagnose(
         folder.mkdir(parents=True, exist_ok=True)
         save(folder / ANSWER, document(diagnosis) + "\n")
         written = [_patch(diagnosis, sim, campaign), *_files(diagnosis, sim, campaign)]
-        render, markup = forms[form], diagnosis_report.markup
-        write(form, writing.output, lambda: render(diagnosis, parsed), lambda: markup(diagnosis, parsed))
+        texts = [partial(each, diagnosis, parsed) for each in (forms[form], diagnosis_report.markup)]
+        write(form, writing.output, *texts)
         writing.write_page(lambda: diagnosis_page.render(diagnosis, parsed, real))
-        following = _next(diagnosis, sim, machine, campaign.following)
-        for sentence in (*(written if form != "json" else ()), following):
+        following = [_next(diagnosis, sim, machine, campaign.following)]
+        for sentence in following if form == "json" else [*written, *following]:
             if sentence:
                 errors.print(one_line(sentence), markup=False, soft_wrap=True)
         raise typer.Exit(diagnosis.exit_code)
+
+
+def _before(spec: Path, compared: Diagnosed, running: Running, campaign: Campaign, writing: Writing) -> None:
+    """Print what tests and protocols would identify, for a machine without any data."""
+    from rich.markup import escape
+
+    from s2r_spec.cli.terminal.stages import Stages
+    from s2r_spec.diagnose.before import before_data
+    from s2r_spec.report.before import text
+
+    needs: dict[str, object] = {"apply": campaign.apply, "as-found": campaign.as_found}
+    needs |= {"next": campaign.following, "report": writing.page, "budget": compared.budget}
+    if given := [name for name, value in needs.items() if value is not None]:
+        raise UsageError(f"--{given[0]} is for a machine or its logs; give --real, too")
+    form = writing.settled(("text", "json"))
+    executor, _ = pool(running.workers, running.scheduler)
+    with Stages(console(stderr=True), running.quiet) as stages:
+        found = before_data(
+            spec,
+            compared.sim,
+            compared.requirement,
+            executor=executor,
+            progress=stages,
+            protocols=campaign.names(),
+            open_loop=compared.open_loop,
+        )
+    render = document if form == "json" else text
+    write(form, writing.output, lambda: render(found), lambda: escape(text(found)))
 
 
 def _forms() -> dict[str, Callable[[Diagnosis, Spec], str]]:

@@ -47,6 +47,22 @@ def test_a_cause_is_named_applied_and_used(cart):
     assert states(cart(*SWING, "--resume", "run", "--seed", 5, code=2).stderr, "seed 0", "5")
 
 
+def test_without_a_machine_it_says_what_runs_would_identify(cart):
+    before = ("diagnose", "swing.stl", "--sim", "swing", "--no-protocols", "-q")
+    found = json.loads(cart(*before, "--json", code=0).stdout)
+    jsonschema.validate(found, schema("s2r.before/1"))
+    assert {one["effect"]: one["run"] for one in found["effects"]} == {
+        "a": "split",
+        "b": "split",
+        "c": "show",
+        "d": "show",
+    }
+    lines = cart(*before, code=0).stdout.splitlines()
+    assert states(next(line for line in lines if line.startswith("  a.size")), "2 N", "b.size", "split")
+    assert states(cart(*before, "--next", "next.csv", code=2).stderr, "--next", "--real")
+    assert states(cart(*before, "--format", "markdown", code=2).stderr, "markdown")
+
+
 def test_protocols_are_run_restricted_or_left_out(cart):
     for more in (("--protocols", "show"), ("--passive",)):
         done = cart(*SWING, *more, "--json", code=3)

@@ -32,7 +32,6 @@ from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.json_values import Shown
 from s2r_spec.diagnose.estimation import Estimate
 from s2r_spec.diagnose.inference.estimates import COVER
-from s2r_spec.diagnose.inference.gauss_newton import Fit
 from s2r_spec.diagnose.inference.hierarchical import Variances, form_error
 from s2r_spec.diagnose.inference.observation import Observation
 from s2r_spec.diagnose.inference.prior import NAMED, UNNAMED
@@ -172,10 +171,14 @@ class InformationForecast:
     def _gained(self, candidate: Candidate) -> FloatArray:
         response = self.estimate.library.response(candidate.experiment)
         one = Observation.of(response, [response.nominal], self.estimate.library.dependence)
-        after = information(one.of_runs(candidate.runs + 1), self.estimate.fit, self.sizes)
+        fit = self.estimate.fit
+
+        def of(runs: int) -> FloatArray:
+            return information(one.of_runs(runs), fit.theta, fit.errors.sizes, self.sizes)
+
         if not candidate.runs:
-            return after
-        more = after - information(one.of_runs(candidate.runs), self.estimate.fit, self.sizes)
+            return of(1)
+        more = of(candidate.runs + 1) - of(candidate.runs)
         # Errors of law bound the information of an experiment, so the difference may be negative by a little.
         values, vectors = np.linalg.eigh(more)
         return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
@@ -199,8 +202,12 @@ class InformationForecast:
         return np.asarray(np.sqrt(np.diag(np.linalg.inv(precision + np.diag(1.0 / self.variance[row])))))
 
 
-def information(one: Observation, fit: Fit, sizes: FloatArray) -> FloatArray:
-    """Return (K, K) the information of an observation about ψ, with slopes from nominal to (K,) sizes."""
+def information(one: Observation, theta: FloatArray, at: FloatArray, sizes: FloatArray) -> FloatArray:
+    """Return (K, K) the information of an observation about ψ.
+
+    The errors of responses are those at (K,) θ, and errors of law those at (K,) ``at``. Slopes are from nominal to (K,)
+    ``sizes``.
+    """
     if not one.parts:
         return np.zeros((sizes.size, sizes.size))
     slopes = [
@@ -208,8 +215,8 @@ def information(one: Observation, fit: Fit, sizes: FloatArray) -> FloatArray:
         for curve, size in zip(one.curves, sizes.tolist(), strict=True)
     ]
     columns = np.vstack([*slopes, one.variants])
-    groups = one.reduced(np.zeros(columns.shape[1]), columns, one.errors(fit.theta))
-    before, at = Variances.prior(len(one.parts)), fit.errors.sizes
+    groups = one.reduced(np.zeros(columns.shape[1]), columns, one.errors(theta))
+    before = Variances.prior(len(one.parts))
     marginal = groups.likelihood(at, before).without_variants(sizes.size)
     kinds = len(one.parts) * [one.response.experiment.protocol]
     form = form_error(at, groups.information(at, before), kinds, marginal.information)

@@ -13,6 +13,7 @@ from typing_extensions import get_original_bases
 
 from s2r_spec.base.errors import UsageError, one_of, suggest
 from s2r_spec.base.json_values import Open, optional_fields
+from s2r_spec.diagnose.before import BeforeData
 from s2r_spec.diagnose.diagnosis import Diagnosis
 from s2r_spec.report.records.backends import (
     BackendObject,
@@ -31,6 +32,7 @@ from s2r_spec.report.records.specs import ExamplesObject, FormatObject, LatexObj
 
 OBJECTS: Mapping[str, Any] = {
     "s2r.backend/1": BackendObject,
+    "s2r.before/1": BeforeData,
     "s2r.backends/1": BackendsObject,
     "s2r.certify/1": CertifyObject,
     "s2r.check/1": CheckObject,
