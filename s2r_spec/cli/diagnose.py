@@ -175,7 +175,7 @@ def diagnose(
         texts = [partial(each, diagnosis, parsed) for each in (forms[form], diagnosis_report.markup)]
         write(form, writing.output, *texts)
         writing.write_page(lambda: diagnosis_page.render(diagnosis, parsed, real))
-        following = [_next(diagnosis, sim, machine, campaign.following)]
+        following = [_next(diagnosis, compared, campaign.following)]
         for sentence in following if form == "json" else [*written, *following]:
             if sentence:
                 errors.print(one_line(sentence), markup=False, soft_wrap=True)
@@ -257,17 +257,15 @@ def _files(diagnosis: Diagnosis, sim: str, campaign: Campaign) -> list[str]:
     return [line for one in found for line in (one.words, *one.table)]
 
 
-def _next(diagnosis: Diagnosis, sim: str, machine: object, path: Path | None) -> str:
+def _next(diagnosis: Diagnosis, compared: Diagnosed, path: Path | None) -> str:
     """Return which experiment to run next; write the references of a protocol to a file if the robot has them."""
-    from s2r_spec.backend.protocols import HasPlayable
+    from s2r_spec.backend import load_backend
     from s2r_spec.diagnose.data.protocols import next_words
-    from s2r_spec.diagnose.simulator.bench import Bench
 
     if path is None:
         return ""
-    if diagnosis.which.next_test is None:
+    if (following := diagnosis.which.next_test) is None:
         return f"{path} is not written: no further experiment would separate what is open"
     assert diagnosis.spec is not None
-    bench = Bench.of(diagnosis.spec, str(diagnosis.provenance["requirement"]), sim)
-    robot = machine if isinstance(machine, HasPlayable) else bench.backend
-    return next_words(bench, diagnosis.which.next_test.candidate.experiment, robot, path)
+    units, robot = diagnosis.spec.space.units, load_backend(compared.sim)
+    return next_words(following.candidate.shown, units, robot, path, compared.open_loop)

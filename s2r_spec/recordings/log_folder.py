@@ -113,7 +113,9 @@ def read(options: LogOptions) -> Folder:
     entries: list[Entry] = []
     sentences: list[str] = []
     for path, row in tests:
-        log = read_log_episodes(path, {}, None, math.inf, settings)
+        # The run of a protocol is one recording, whatever cuts the logs of tests into parts.
+        own = replace(settings, every=None) if row.protocol else settings
+        log = read_log_episodes(path, {}, None, math.inf, own)
         entries += _entries(log, row, units)
         sentences += [f"{path.name}: {note}" for note in log.cut]
     if listed:

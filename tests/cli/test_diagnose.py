@@ -78,14 +78,18 @@ def test_protocols_are_run_restricted_or_left_out(cart):
     assert states(done.stderr, "--protocols", "--passive")
 
 
-def test_the_next_experiment_is_printed_and_played_from_a_file(cart):
+@pytest.mark.parametrize("more", [(), ("--open-loop",)], ids=" ".join)
+def test_the_next_experiment_is_printed_and_played_from_a_file(cart, more):
+    # Recorded commands are of tests whose parameters the simulator need not have.
+    name = "moment" if more else "v"
+    (cart.folder / "swing.stl").write_text(TOY.replace("param  v", f"param {name}"))
     (cart.folder / "logs").mkdir()
-    machine, rows = load_backend("swing:a=2"), ["id,v"]
+    machine, rows = load_backend("swing:a=2"), [f"id,{name}"]
     for k in range(12):
         logs.write(machine.rollout({"v": k / 11}, k), cart.folder / "logs" / f"r{k}.npz")
         rows.append(f"r{k},{k / 11}")
     (cart.folder / "logs" / "rollouts.csv").write_text("\n".join(rows) + "\n")
-    words = ("diagnose", "swing.stl", "--sim", "swing", "--real", "log:logs", "-q")
+    words = ("diagnose", "swing.stl", "--sim", "swing", "--real", "log:logs", "-q", *more)
     done = cart(*words, "--next", "next.csv", code=3)
     assert states(done.stderr, "protocol split", "next.csv")
     assert states((cart.folder / "next.csv").read_text().splitlines()[0], "q_0", "kp")

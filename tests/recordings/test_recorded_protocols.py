@@ -8,7 +8,7 @@ import pytest
 import s2r_spec as s2r
 from s2r_spec.backend import HasRecordings
 from s2r_spec.certify.search.pairing import Pairing
-from s2r_spec.errors import UsageError
+from s2r_spec.errors import TraceNote, UsageError
 from s2r_spec.recordings.recorded import LogBackend
 from tests.errors import naming
 
@@ -60,6 +60,18 @@ def test_rows_with_a_protocol_are_runs_of_it_with_channels_and_parameters_of_the
     assert [p.name for p in backend.parameters] == ["vd"]
     assert [params for params, _ in backend.recorded()] == [{"vd": 0.1}, {"vd": 0.3}]
     assert backend.rollout({"vd": 0.3}, 5)["vx"][0] == 2
+
+
+def test_a_log_that_is_cut_into_parts_may_stand_beside_a_whole_run_of_a_protocol(tmp_path):
+    write(tmp_path / "log", "id,protocol\na,\nb,squat\n", a_npz=trace(1.0), b_npz=trace(3.0, "q"))
+    with pytest.warns(TraceNote, match="2 parts"):
+        recordings = LogBackend(f"{tmp_path / 'log'}?every=0.2").recordings
+    assert [(r.protocol, r.trace.duration) for r in recordings] == [
+        ("", pytest.approx(0.2)),
+        ("", pytest.approx(0.2)),
+        ("squat", pytest.approx(0.5)),
+    ]
+    assert [r.params.get("start") for r in recordings] == [0.0, pytest.approx(0.2), None]
 
 
 def test_the_trace_alone_can_name_its_protocol(tmp_path):

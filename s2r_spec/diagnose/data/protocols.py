@@ -8,7 +8,6 @@ from pathlib import Path
 from s2r_spec.backend import Backend
 from s2r_spec.backend.protocols import HasPlayable, HasProtocols, Protocol, protocol_of, write_playable
 from s2r_spec.base.errors import UsageError
-from s2r_spec.diagnose.simulator.bench import Bench
 from s2r_spec.diagnose.simulator.experiments import Experiment
 
 
@@ -59,8 +58,14 @@ def with_protocols_of(backend: Backend, runnable: Sequence[Experiment]) -> list[
     return [*runnable, *(Experiment(protocol.name) for protocol in own if protocol.name not in have)]
 
 
-def next_words(bench: Bench, experiment: Experiment, robot: object = None, path: Path | None = None) -> str:
-    """Return which experiment to run next.
+def next_words(
+    experiment: Experiment,
+    units: Mapping[str, str],
+    robot: Backend,
+    path: Path | None = None,
+    replayed: bool = False,
+) -> str:
+    """Return which experiment to run next; a test is in ``units``, or is ``replayed`` from recorded commands.
 
     A robot that has references of its protocols writes them to ``path``, which ends in ``.csv``.
 
@@ -70,10 +75,15 @@ def next_words(bench: Bench, experiment: Experiment, robot: object = None, path:
     """
     add = "Then add its log, with its row of rollouts.csv, to the folder."
     if not experiment.protocol:
-        test = bench.matched.to_spec(dict(experiment.params)) or {}
-        return f"Run the test {_values(test, bench.spec.space.units) or 'of the spec'} next. {add}"
-    protocol = protocol_of(bench.backend, experiment.protocol)
-    params = protocol.values(dict(experiment.params))
+        test = _values(experiment.values, units)
+        if replayed:
+            return (
+                f"Play the commands again that were recorded at {test}. Then add the log, with another value of some "
+                f"parameter of the specification in its row of rollouts.csv, to the folder."
+            )
+        return f"Run the test {test or 'of the spec'} next. {add}"
+    protocol = protocol_of(robot, experiment.protocol)
+    params = protocol.values(experiment.values)
     values = _values(params, {p.name: p.unit for p in protocol.parameters})
     if path is not None and isinstance(robot, HasPlayable):
         playing = write_playable(robot, protocol.name, params, path)

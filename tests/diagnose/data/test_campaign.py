@@ -181,11 +181,12 @@ def test_which_protocols_are_allowed():
 
 
 def test_the_next_experiment_in_words_and_as_a_file(tmp_path):
-    bench = bench_of(Pointer("cm/s"))
-    assert states(next_words(bench, as_experiment(bench, {"vd": 0.3})), "vd = 0.3 m/s", "rollouts.csv")
+    units, test = {"vd": "m/s"}, Experiment.test({"vd": 0.3})
+    assert states(next_words(test, units, Pointer()), "vd = 0.3 m/s", "rollouts.csv")
+    assert states(next_words(test, units, Pointer(), replayed=True), "commands", "vd = 0.3 m/s")
     half = Experiment("coast", (("amplitude", 0.5),))
     assert states(
-        next_words(bench, half, Pointer(), tmp_path / "a.csv"), "coast", "amplitude = 0.5", "hits the end"
+        next_words(half, units, Pointer(), tmp_path / "a.csv"), "coast", "amplitude = 0.5", "hits the end"
     )
     assert not list(tmp_path.iterdir())
 
@@ -194,6 +195,6 @@ def test_the_next_experiment_in_words_and_as_a_file(tmp_path):
             q = params["amplitude"] * TIMES[:, None]
             return s2r.Trace(TIMES, {"q": q, "dq": q, "kp": TIMES, "kd": TIMES}, {"q": "rad"})
 
-    words = next_words(bench, half, Robot(), tmp_path / "coast.csv")
+    words = next_words(half, units, Robot(), tmp_path / "coast.csv")
     assert states(words, "coast", "10 ms", "hits the end", "amplitude = 0.5")
     assert s2r.read_trace(tmp_path / "coast.csv")["q_0"][-1] == 0.5
