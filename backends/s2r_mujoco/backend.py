@@ -318,11 +318,12 @@ class RobotBackend:
         return self._player.playable(protocol, params)
 
     def play(self, inputs: Trace, params: Mapping[str, float], seed: int) -> Trace:
-        """Play the ``target`` of a log on the held robot, from the log's first positions, without the policy."""
+        """Play the ``target`` of a log, or else its ``tau``, on the held robot, from the log's first positions."""
         refuse_unknown(self.name, self.parameters, params)
         record = self._player.replay(inputs, seed, self._choice, self.variant)
         facts = {PROTOCOL: PLAYED, "params": dict(params), "seed": seed}
-        return self._trace(self._player.robot, record, facts)
+        trace = self._trace(self._player.robot, record, facts)
+        return trace if "target" in inputs.channels else trace.only(trace.channels.keys() - {"target"})
 
     def residuals(self, trace: Trace, params: Mapping[str, float] | None = None) -> Trace:
         """Return the torques that the model does not explain; see :mod:`s2r_mujoco.held.residuals`.
@@ -332,7 +333,7 @@ class RobotBackend:
         """
         if not (self._robot.held or trace.meta.get(PROTOCOL)):
             raise TraceError("forces of contacts are unknown in a test, so only a held robot has residuals")
-        if not self._is_driven:
+        if "target" in trace.channels and not self._is_driven:
             raise TraceError(
                 "the files drive the joints to no positions, so nothing is known of the actuators"
             )

@@ -171,8 +171,11 @@ class Simulator:
             self._tick(record, tick, control, pushes, write, last=tick == ticks - 1)
         return self._checked(record)
 
-    def play(self, targets: FloatArray, on: NDArray[np.bool_]) -> Record:
-        """Play (n, joints) targets without a policy, and record each tick; the motors work where (n,) they are on."""
+    def play(self, targets: FloatArray, on: NDArray[np.bool_], force: FloatArray | None = None) -> Record:
+        """Play (n, joints) targets without a policy, and record each tick; the motors work where (n,) they are on.
+
+        (n, nv) forces act on the joints beside the motors, and count as theirs.
+        """
         record = self._empty(len(targets), 0, 0, len(self.plan.joints))
         if self.loop is not None:
             self.loop.begin(targets[0], self._seed)
@@ -181,9 +184,13 @@ class Simulator:
             for tick, target in enumerate(targets):
                 off = 0 if on[tick] else int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
                 self.model.opt.disableflags = powered | off
+                if force is not None:
+                    self.data.qfrc_applied[:] = force[tick]
                 self._tick(record, tick, target, (), self._apply, last=tick == len(targets) - 1)
         finally:
             self.model.opt.disableflags = powered
+        if force is not None:
+            record.torque[:] += force
         return self._checked(record)
 
     def arriving(self, targets: FloatArray, period: float) -> FloatArray:

@@ -139,13 +139,14 @@ class Running:
         seed: int,
         added: Choice = (),
         variant: str = "",
+        force: FloatArray | None = None,
     ) -> Record:
-        """Play (n, joints) targets from a state, (nq,) and (nv,), with the motors off where ``on`` (n,) is false."""
+        """Play (n, joints) targets from a state, (nq,) and (nv,); see :meth:`Simulator.play`."""
         mujoco.set_mju_user_warning(_silent)
         with self._lock, self._explaining(), np.errstate(over="ignore", invalid="ignore"):
             simulator = self.simulator({}, added, variant)
             simulator.begin(*start, dict.fromkeys(COMMANDS, 0.0), self.robot.plan.key, seed)
-            return simulator.play(targets, on)
+            return simulator.play(targets, on, force)
 
     def _run(self, simulator: Simulator, ticks: int, pushes: list[Push]) -> Record:
         policy, name = self.robot.policy, self.robot.description.table.policy

@@ -14,6 +14,7 @@ from s2r_spec.diagnose.gap.breaking import nearest_curves
 from s2r_spec.diagnose.gap.nominal import Nominal
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.simulator.bench import Bench, Test, TestRun, places_of
+from s2r_spec.diagnose.simulator.open_loop import OpenLoop
 from s2r_spec.diagnose.simulator.response import ResponseLibrary
 from s2r_spec.trace import SHOWN, Trace
 
@@ -40,6 +41,9 @@ def notes(
             f"in these experiments, {', '.join(idle)} {'changes' if one else 'change'} nothing in the "
             f"simulator, so no data can show {'it' if one else 'them'}"
         )
+    if isinstance(bench.backend, OpenLoop):
+        said = [[one.words for one in bench.backend.loop(run) if one.level == "note"] for _, run in rollouts]
+        sentences += [words for words in said[0] if all(words in each for each in said)] if said else []
     if not rollouts:
         return (*sentences, "no test of the specification was run, so the gap in ρ was not measured")
     used = len(parts.train.tests) + len(parts.held_out)

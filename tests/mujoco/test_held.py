@@ -8,6 +8,7 @@ import pytest
 import s2r_spec as s2r
 from s2r_spec.backend import load_backend
 from s2r_spec.conformance import check_conformance
+from s2r_spec.diagnose.before import Identified, before_data
 from s2r_spec.errors import TraceError, TraceNote, UsageError
 from s2r_spec.protocols import PLAYED, PROTOCOL, HasInputs, HasPlayable, HasProtocols, write_playable
 from s2r_spec.trace import Trace
@@ -274,6 +275,35 @@ def test_a_diagnosis_replays_the_commands_of_one_long_log(pendulum, tmp_path):
         s2r.diagnose(spec, pendulum, pendulum, open_loop=True)
 
 
+def test_torques_drive_the_joints_where_a_log_has_no_targets(pendulum, tmp_path):
+    times = np.arange(701) / 100
+    torque = 0.8 * np.sin(2 * np.pi * (0.4 * times + 0.04 * times**2))
+    sent = Trace(times, {"q": 0 * times, "dq": 0 * times, "tau": torque}, {})
+    runs = {}
+    for size in (0.0, 0.016):
+        trace = pendulum.with_effects({"armature": {"swing": size}}).play(sent, {}, 0)
+        assert np.allclose(trace["tau"].ravel(), torque)
+        parts = [trace.between(k, k + 1.0) for k in range(7)]
+        runs[size] = [
+            ({"start": float(k)}, Trace(part.times - k, {name: part[name] for name in ("q", "tau")}, {}))
+            for k, part in enumerate(parts)
+        ]
+    log = Trace(times, {name: pendulum.play(sent, {}, 0)[name] for name in ("q", "dq", "tau")}, {})
+    assert np.allclose(pendulum.play(log, {}, 0)["q"], log["q"], atol=1e-6)
+    spec = s2r.parse_spec(
+        SPEC.replace("signal target {rad}\n", "").replace("q - target", "q").replace("1 {rad}", "2 {rad}")
+    )
+    answer = s2r.diagnose(
+        spec, pendulum, runs[0.016], open_loop=True, passive=True, where=False, cache=tmp_path / "cache"
+    )
+    (named,) = (one for one in answer.which.effects if one.status.value == "named")
+    assert named.effect == "armature"
+    assert named.largest.low < 0.016 < named.largest.high
+    assert any("torques drive" in note for note in answer.notes)
+    with pytest.raises(TraceError, match="tau"):
+        pendulum.play(log.only(["q"]), {}, 0)
+
+
 def test_a_log_with_a_wrong_clock_is_reported_and_not_fitted(pendulum, tmp_path):
     log = late(pendulum.run("joint_sine", {}, 3), 0.5)
     (tmp_path / "logs").mkdir()
@@ -284,6 +314,22 @@ def test_a_log_with_a_wrong_clock_is_reported_and_not_fitted(pendulum, tmp_path)
     answer = found.to_json()
     assert not answer["which"]["parameters"]
     assert any("late" in note for note in answer["notes"])
+
+
+def test_before_the_data_its_protocols_identify_the_joint_and_hold_alone_does_not(
+    pendulum, tmp_path, monkeypatch
+):
+    monkeypatch.setenv("S2R_CACHE", str(tmp_path / "cache"))
+    every, hold = (
+        {
+            one.axis.effect: one.status
+            for one in before_data(s2r.parse_spec(SPEC), pendulum, protocols=names, open_loop=True).effects
+        }
+        for names in (None, ["hold"])
+    )
+    known = ("dry_friction", "viscous_friction", "armature", "kp", "kd", "encoder_offset")
+    assert {every[name] for name in known} == {Identified.ALONE}
+    assert hold["viscous_friction"] is not Identified.ALONE
 
 
 def test_the_backend_conforms(arms):

@@ -93,13 +93,14 @@ class Player:
         return self.running.play(start, moved.targets, moved.on, seed, self.known(added), variant)
 
     def replay(self, log: Trace, seed: int, added: Choice, variant: str) -> Record:
-        """Play the targets of a log from the positions and velocities at its begin.
+        """Play the targets of a log from the positions and velocities at its begin; without targets, its torques.
 
         Raises:
-            TraceError: the log has no ``q`` or no ``target``, or other joints.
+            TraceError: the log has no ``q``, neither ``target`` nor ``tau``, or other joints.
         """
         robot = self.robot
-        targets = self.targets(log)
+        forces = None if "target" in log.channels else self.forces(log)
+        targets = self.targets(log) if forces is None else np.tile(robot.plan.pose, (len(log), 1))
         times, ticks = log.times - log.times[0], ceil(log.duration / robot.plan.step - 1e-6) + 1
         late = robot.plan.step * np.arange(ticks) + 0.5 * period_of(times)
         rows = np.clip(np.searchsorted(times, late, side="right") - 1, 0, len(times) - 1)
@@ -112,8 +113,8 @@ class Player:
             first = min(BEGIN, len(q))
             slope = np.polyfit(times[:first], q[:first], 1)[0] if first > 1 else np.zeros(q.shape[1])
             qvel[joints.dof] = slope if dq is None else dq[0]
-        on = np.ones(ticks, dtype=bool)
-        return self.running.play((qpos, qvel), targets[rows], on, seed, self.known(added), variant)
+        on, force = np.full(ticks, forces is None), None if forces is None else forces[rows]
+        return self.running.play((qpos, qvel), targets[rows], on, seed, self.known(added), variant, force)
 
     def targets(self, log: Trace) -> FloatArray:
         """Return (n, k) targets of a log in policy order."""
@@ -127,6 +128,18 @@ class Player:
         targets = np.empty_like(values)
         targets[:, self.order] = values
         return targets
+
+    def forces(self, log: Trace) -> FloatArray:
+        """Return (n, nv) the torques and forces of the actuators that a log has."""
+        force = np.zeros((len(log), self.robot.model.nv))
+        for position, joints in joint_channels(self.robot.model).items():
+            name = f"tau{position.removeprefix('q')}"
+            if name not in log.channels or wide(log, name).shape[1] != len(joints):
+                raise TraceError(
+                    f"the log has neither 'target' nor a channel {name!r} with {len(joints)} columns"
+                )
+            force[:, joints.dof] = wide(log, name)
+        return force
 
     def states(self, log: Trace) -> list[tuple[Joints, FloatArray, FloatArray | None]]:
         """Return the joints of ``q`` and of ``q_slide`` with (n, j) positions and velocities, which may be missing."""

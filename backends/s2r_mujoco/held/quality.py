@@ -48,11 +48,16 @@ def log_findings(player: Player, trace: Trace) -> Iterator[Finding]:
         return
     yield from _clock(trace, period)
     try:
-        late = lag(player, trace)
         states = player.states(trace)
+        late = lag(player, trace) if "target" in trace.channels else 0.0
     except TraceError as error:
         yield Finding(LOG, str(error), "note")
         return
+    if "target" not in trace.channels:
+        words = (
+            "the log has no targets: its torques drive the joints, and what makes them of targets is hidden"
+        )
+        yield Finding(LOG, words, "note")
     most = LARGEST * player.robot.plan.step
     if late > most:
         behind, limit = (f"{1e3 * seconds:.0f} ms" for seconds in (late, most))

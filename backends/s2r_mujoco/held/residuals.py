@@ -98,7 +98,11 @@ class _Motion:
         """Return (n, nv) force that the motion needs beyond that of the actuators."""
         simulator, gravity = self._simulator, self._gravity()
         model, data = simulator.model, mujoco.MjData(simulator.model)
-        force = self._driven() if "target" in self._trace.channels else self._logged()
+        force = (
+            self._driven()
+            if "target" in self._trace.channels
+            else self._smooth(self._player.forces(self._trace))
+        )
         before, flags = model.opt.gravity.copy(), int(model.opt.disableflags)
         off = mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
         model.opt.disableflags = flags | int(off)
@@ -124,18 +128,6 @@ class _Motion:
         for k, target in enumerate(targets):
             force[k] = simulator.actuated(self.q[k], self.v[k], target) if self.on[k] else 0.0
         return force if self.on.all() else self._smooth(force)
-
-    def _logged(self) -> FloatArray:
-        """Return (n, nv) forces that the log has."""
-        model, force = self._player.robot.model, np.zeros_like(self.v)
-        for position, joints in joint_channels(model).items():
-            name = f"tau{position.removeprefix('q')}"
-            if name not in self._trace.channels or wide(self._trace, name).shape[1] != len(joints):
-                raise TraceError(
-                    f"the log has neither 'target' nor a channel {name!r} with {len(joints)} columns"
-                )
-            force[:, joints.dof] = self._smooth(wide(self._trace, name))
-        return force
 
     def _gravity(self) -> FloatArray:
         """Return (n, 3) gravity in the axes in which the base is held; turned where the log has its attitude."""
