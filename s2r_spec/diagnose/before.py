@@ -26,12 +26,12 @@ from typing import Literal
 import numpy as np
 
 from s2r_spec.backend import Backend, load_backend
-from s2r_spec.backend.protocols import HasProtocols, protocol_of
+from s2r_spec.backend.protocols import protocol_of
 from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import UsageError
 from s2r_spec.base.json_values import DIGITS, Shown
 from s2r_spec.certify.arguments import as_simulator, as_spec
-from s2r_spec.diagnose.data.protocols import allowed_experiments
+from s2r_spec.diagnose.data.protocols import allowed_experiments, with_protocols_of
 from s2r_spec.diagnose.data.rollouts import as_experiment
 from s2r_spec.diagnose.data.space_filling import star
 from s2r_spec.diagnose.estimation import size_prior
@@ -43,7 +43,6 @@ from s2r_spec.diagnose.inference.prior import SLAB
 from s2r_spec.diagnose.run import HERE, one_thread
 from s2r_spec.diagnose.simulator.axes import EffectAxis
 from s2r_spec.diagnose.simulator.bench import Bench
-from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import library
 from s2r_spec.diagnose.simulator.response import ResponseLibrary
 from s2r_spec.diagnose.simulator.score import Score
@@ -150,12 +149,9 @@ def before_data(
         tests = {as_experiment(bench, test): test for test in star(spec.space)}
         candidates = [Candidate(one, backend.duration, True, RUNS, test) for one, test in tests.items()]
     planned, _ = allowed_experiments(backend, backend, protocols)
-    every = backend.protocols() if isinstance(backend, HasProtocols) else ()
-    further = [Experiment(one.name) for one in every if one.name not in {own.protocol for own in planned}]
-    for one in (*planned, *further):
+    for one in with_protocols_of(backend, planned):
         able = one in planned
-        cost = protocol_of(backend, one.protocol).duration
-        candidates.append(Candidate(one, cost, able, RUNS if able else 0))
+        candidates.append(Candidate(one, protocol_of(backend, one.protocol).duration, able, RUNS * able))
     if not any(one.allowed for one in candidates):
         raise UsageError(f"no test and no protocol of {backend.name} is planned, so nothing is identified")
     with keep_open(executor if backend.cost > HERE else None) as pool:
