@@ -83,19 +83,14 @@ class Foreseen(Shown):
     run: str | None
 
     JSON = (
-        "effect=axis.effect parameter=axis.parameter unit=axis.unit typical interval status rivals sigma "
-        "half_width run"
+        "effect=axis.effect parameter=axis.parameter unit=axis.unit typical=axis.at_typical interval status rivals "
+        "sigma half_width run"
     )
-
-    @property
-    def typical(self) -> float:
-        """Typical value, in the unit."""
-        return self.axis.at_typical()
 
     @property
     def interval(self) -> tuple[float, float]:
         """Expected 90 % interval of the typical value, in the unit."""
-        at = self.axis.coordinate(self.typical)
+        at = self.axis.coordinate(self.axis.at_typical())
         _, low, high = self.axis.interval(at, at - self.half_width, at + self.half_width)
         return min(low, high), max(low, high)
 
@@ -108,17 +103,15 @@ class BeforeData(Shown):
         schema: name and version of this object.
         backend: name of the simulator.
         plan: its experiments, each with :data:`RUNS` runs.
-        others: further experiments that the simulator has.
         effects: one for each parameter that acts alone.
     """
 
     backend: str
     plan: tuple[str, ...]
-    others: tuple[str, ...]
     effects: tuple[Foreseen, ...]
     schema: Literal["s2r.before/1"] = "s2r.before/1"
 
-    JSON = "schema backend plan others effects"
+    JSON = "schema backend plan effects"
 
 
 @one_thread()
@@ -157,35 +150,25 @@ def before_data(
     with keep_open(executor if backend.cost > HERE else None) as pool:
         known = library(backend, [one.experiment for one in candidates], pool, progress, score=score)
     progress("what the runs would say", 0, 0)
-    names = {
-        able: tuple(str(one.shown) for one in candidates if one.allowed is able) for able in (True, False)
-    }
-    return BeforeData(backend.name, names[True], names[False], foresee(known, candidates))
-
-
-def foresee(known: ResponseLibrary, candidates: Sequence[Candidate]) -> tuple[Foreseen, ...]:
-    """Return what a plan with the ``runs`` of every candidate would say of each parameter that acts alone."""
     responses = [known.response(one.experiment) for one in candidates]
     nominal = [Observation.of(one, [one.nominal], known.dependence) for one in responses]
-    return tuple(_foreseen(known, candidates, nominal, k) for k in size_prior(known).causes.tolist())
+    effects = tuple(_foreseen(known, candidates, nominal, k) for k in size_prior(known).causes.tolist())
+    return BeforeData(backend.name, tuple(str(one.shown) for one in candidates if one.allowed), effects)
 
 
 def _foreseen(
     known: ResponseLibrary, candidates: Sequence[Candidate], nominal: Sequence[Observation], k: int
 ) -> Foreseen:
+    """Return what a plan with the ``runs`` of every candidate would say of parameter k."""
     axes, prior = known.parameters, size_prior(known)
     slopes = np.array([0.0 if one.base else one.coordinate(one.at_typical()) for one in axes])
     sizes = np.where(np.arange(len(axes)) == k, slopes, 0.0)
 
     def gained(runs: Sequence[int]) -> FloatArray:
-        data = [
-            information(one.of_runs(n), sizes, np.abs(sizes), slopes)
-            for one, n in zip(nominal, runs, strict=True)
-            if n
-        ]
-        total = np.sum(data, axis=0)
+        some = [one.of_runs(n) for one, n in zip(nominal, runs, strict=True) if n]
+        total = np.sum([information(one, sizes, np.abs(sizes), slopes) for one in some], axis=0)
         shared = shared_error(sizes, np.ones_like(sizes))
-        return np.asarray(np.linalg.solve(np.eye(len(total)) + total * shared, total))
+        return np.asarray(np.linalg.solve(np.eye(len(sizes)) + total * shared, total))
 
     plan = [one.runs for one in candidates]
     whole = gained(plan)
@@ -196,19 +179,14 @@ def _foreseen(
         own = [n * (place == number) if alone else n + (place == number) for place, n in enumerate(plan)]
         if sum(own) and (found := _apart(known, gained(own), k))[0] >= APART and not found[1]:
             able.append((one.cost, number))
-    # What acts only beside another effect is not there; the fixed sizes have no variance.
     free = [n for n, one in enumerate(axes) if not one.base or one.stands_beside(axes[k])]
     precision = (whole + np.diag(1.0 / prior.deviation((k,)) ** 2))[np.ix_(free, free)]
     half = COVER * float(np.sqrt(np.linalg.inv(precision)[free.index(k), free.index(k)]))
-    seen = Identified.TOGETHER if rivals else Identified.ALONE
-    return Foreseen(
-        axes[k],
-        seen if sigma >= APART else Identified.UNSEEN,
-        tuple(axes[j].name for j in rivals) if sigma >= APART else (),
-        sigma,
-        half,
-        str(candidates[min(able)[1]].shown) if able else None,
-    )
+    run = str(candidates[min(able)[1]].shown) if able else None
+    if sigma < APART:
+        return Foreseen(axes[k], Identified.UNSEEN, (), sigma, half, run)
+    status = Identified.TOGETHER if rivals else Identified.ALONE
+    return Foreseen(axes[k], status, tuple(axes[j].name for j in rivals), sigma, half, run)
 
 
 def _apart(known: ResponseLibrary, information: FloatArray, k: int) -> tuple[float, list[int]]:

@@ -23,18 +23,16 @@ def text(found: BeforeData) -> str:
         if own := [one for one in found.effects if one.status is status]:
             rows = [(status.value, "typical", "± (90 %)", "", last), *map(_row, own)]
             lines += ["", *("  {:30} {:16} {:16} {:5} {}".format(*row).rstrip() for row in rows)]
-    if found.others:
-        lines += ["", f"  not in the plan: {join_names(found.others)}"]
     return "\n".join(map(one_line, lines))
 
 
 def _row(one: Foreseen) -> tuple[str, str, str, str, str]:
-    unit, (low, high) = one.axis.unit, one.interval
-    scale, half = Scale.of(one.typical, unit), (high - low) / 2.0
+    unit, size, (low, high) = one.axis.unit, one.axis.at_typical(), one.interval
+    scale, half = Scale.of(size, unit), (high - low) / 2.0
     run = one.run or ("all of them" if one.status is Identified.ALONE else "none")
     if one.status is Identified.TOGETHER:
         run = join_names(one.rivals) + (f"; {one.run} would tell" if one.run else "; no further run would")
     if one.status is Identified.UNSEEN:
-        return one.axis.name, quantity(one.typical, unit), "", "", run
+        return one.axis.name, quantity(size, unit), "", "", run
     width = f"{scale.number(half, half)} {scale.unit}".rstrip()
-    return one.axis.name, quantity(one.typical, unit), width, f"{100.0 * one.half_width:.0f} %", run
+    return one.axis.name, quantity(size, unit), width, f"{100.0 * one.half_width:.0f} %", run
