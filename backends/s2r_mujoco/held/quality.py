@@ -55,7 +55,8 @@ def log_findings(player: Player, trace: Trace) -> Iterator[Finding]:
         return
     if "target" not in trace.channels:
         words = (
-            "the log has no targets: its torques drive the joints, and what makes them of targets is hidden"
+            "the log has no targets: its torques drive the joints, each until the next sample; where the motors hold "
+            "positions, log 'target', else effects may be named that are none"
         )
         yield Finding(LOG, words, "note")
     most = LARGEST * player.robot.plan.step
