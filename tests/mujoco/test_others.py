@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from s2r_spec import diagnose, parse_spec
 from s2r_spec.backend import load_backend
 from s2r_spec.errors import BackendError, UsageError
 from tests.errors import naming
@@ -370,3 +371,16 @@ def test_wheels_follow_a_velocity_with_every_kind_of_gains_and_actuator(tmp_path
     assert abs(turned[0][-1, 2:] - turned[0][0, 2:]).max() > 0.05
     assert turned[1] == pytest.approx(turned[0], abs=5e-3)
     assert turned[2] == pytest.approx(turned[0], abs=5e-3)
+
+
+def test_a_robot_that_stands_still_is_diagnosed_from_how_it_leans(tmp_path):
+    """Nothing pushes it sideways, and its joints move by rounding alone."""
+    text = PD.replace("stiffness = 30, damping = 0.8", "stiffness = 3, damping = 0.08, scale = 0.1")
+    still = robot(tmp_path, f'{text}command.lin_vel_x = "vd"\n'.replace("0.2", "0.8"), 4)
+    spec = parse_spec("signal height {m}\nparam vd {m/s} in [0, 1]\nrequire up: always (height >= 0.1 {m})\n")
+    leaning = still.with_effects({"slope": {"left": 3.0}})
+    runs = [
+        ({"vd": vd}, leaning.rollout({"vd": vd}, k)) for k, vd in enumerate((0.0, 0.5, 1.0, 0.0, 0.5, 1.0))
+    ]
+    answer = diagnose(spec, still, runs, cache=tmp_path / "cache", where=False, passive=True)
+    assert answer.which.answer == ("slope",)

@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from s2r_spec.base.arrays import FloatArray
+from s2r_spec.base.least_squares import root, solved
 from s2r_spec.diagnose.data.space_filling import TESTS
 from s2r_spec.diagnose.quality.recordings import as_columns
 from s2r_spec.diagnose.simulator.axes import EffectAxis, Values
@@ -31,6 +32,8 @@ TIMES = 90
 """Definition: instants of a rollout that are compared."""
 FLOOR = 0.007
 """Tolerance: part of a column's range that is no discrepancy, whatever the simulator's scatter."""
+ROUNDING = 1e-9
+"""Tolerance: range of a column below which it does not move, as a part of its largest value, or of one unit."""
 CLEAR = 0.15
 """Level: part of the usual misfit by which a discrepancy is there at all, and part of what the best mistake removes by
 which another is worse."""
@@ -138,7 +141,7 @@ class Comparison:
     @cached_property
     def _root(self) -> FloatArray:
         gram = self.whitening[2]
-        return np.asarray(np.linalg.cholesky(np.eye(len(gram)) + gram))
+        return root(np.eye(len(gram)) + gram)
 
     def products(self, rests: FloatArray, effects: bool = True) -> FloatArray:
         """Return (m, m) products aᵀ(C + JJᵀ)⁻¹b / (n d) of (m, n, T, c) discrepancies; without J if not ``effects``.
@@ -149,10 +152,13 @@ class Comparison:
         flat = rests.reshape(len(rests), len(self.traces), -1)
         whole = flat.reshape(len(flat), -1)
         white = (flat.swapaxes(0, 1) @ w.swapaxes(1, 2)).swapaxes(0, 1).reshape(len(flat), -1)
-        products = whole @ whole.T - white @ white.T
+        squares = whole @ whole.T
+        products = squares - white @ white.T
         if effects and len(cj):
             explained = np.linalg.solve(self._root, cj @ whole.T)
             products -= explained.T @ explained
+        hidden = whole.shape[1] * np.finfo(float).eps * squares.diagonal()  # of a difference, by rounding
+        np.fill_diagonal(products, np.maximum(products.diagonal(), hidden))
         return np.asarray(products / whole.shape[1])
 
     @cached_property
@@ -260,7 +266,8 @@ def noise(rollouts: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, flo
     """
     mean = rollouts.mean(axis=0)
     reach = np.ptp(mean, axis=(0, 1))
-    least = FLOOR * np.where(reach > 0.0, reach, np.maximum(np.abs(mean).max(axis=(0, 1)), 1.0))
+    level = np.maximum(np.abs(mean).max(axis=(0, 1)), 1.0)
+    least = FLOOR * np.where(reach > ROUNDING * level, reach, level)
     apart = (rollouts - mean).swapaxes(0, 1)
     _, new = _beside_others(apart / least)
     floor = least * np.sqrt(1.0 + (new**2).mean(axis=(0, 1, 2)))
@@ -309,11 +316,11 @@ def nearest_machine(bench: Bench, c: Comparison, values: FloatArray) -> Comparis
     for _ in range(CAUSES if c.sizes else 0):
         toward = cj @ ((values - nominal) / c.floor).ravel()
         if not len(chosen):
-            explained = toward * np.linalg.solve(np.eye(len(gram)) + gram, toward)
+            explained = toward * solved(np.eye(len(gram)) + gram, toward)
             most = sorted(set(effects.tolist()), key=lambda name: -float(explained[effects == name].sum()))
             chosen = np.flatnonzero(np.isin(effects, most[:CAUSES]))
         inner = np.eye(len(chosen)) + gram[np.ix_(chosen, chosen)]
-        theta[chosen] += np.linalg.solve(inner, toward[chosen])
+        theta[chosen] += solved(inner, toward[chosen])
         machine = _machine(c, theta)
         runs = c.view.simulate(bench, [(machine, seed) for seed in range(SEEDS // 6)], c.tests)
         mean = runs.mean(axis=0)

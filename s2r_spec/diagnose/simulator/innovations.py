@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.base.arrays import FloatArray
+from s2r_spec.base.least_squares import solved
 
 SAMPLES = 1000
 """Budget: most samples of a trace."""
@@ -80,7 +81,11 @@ class Predictor:
 
     def solved(self, excited: FloatArray, error: FloatArray) -> FloatArray:
         """Return (m_j,) the changes of β in units of their scatter, from (n, m_j) regressors and (n,) errors."""
-        return np.asarray(np.linalg.solve(self.gram(excited), excited.T @ error))
+        return self.equations(excited, excited.T @ error)
+
+    def equations(self, excited: FloatArray, moments: FloatArray) -> FloatArray:
+        """Return G⁻¹ b in these units, from (n, m_j) regressors and (m_j,) or (m_j, k) b."""
+        return solved(self.gram(excited), moments, LEAST)
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,8 +152,8 @@ class Innovations:
             error = error - excited @ (one.error * one.solved(excited, error))
             parts = np.array_split(np.arange(len(error)), BLOCKS)
             scores = np.array([excited[part].T @ error[part] for part in parts])
-            solved = np.linalg.solve(one.gram(excited), scores.T)
-            found[j] = np.asarray((1.0 + LEAST) ** 2 * BLOCKS / (BLOCKS - 1.0) * (solved**2).sum(axis=1))
+            each = one.equations(excited, scores.T)
+            found[j] = np.asarray((1.0 + LEAST) ** 2 * BLOCKS / (BLOCKS - 1.0) * (each**2).sum(axis=1))
         return found
 
     def _seen(

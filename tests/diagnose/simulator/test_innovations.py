@@ -105,3 +105,26 @@ def test_a_column_that_never_changes_and_a_trace_of_few_samples_have_none():
     few = Innovations.of_nominal([loop(1)[: LAGS[-1]]])
     assert few.size(POSITION) == 0
     assert vector(few, loop(1)[: LAGS[-1]], POSITION, TIMES[: LAGS[-1]]).size == 0
+
+
+def shaken(seed, size):
+    """Return the cart with a sideways motion of a size, and a fixed multiple of it."""
+    y, rng = np.zeros(N + 1), np.random.default_rng([seed, 1])
+    for n in range(N):
+        y[n + 1] = 0.9 * y[n] + size * rng.normal()
+    return np.column_stack([loop(seed), y, 3.0 * y])
+
+
+@pytest.mark.parametrize("still", [1e-6, 1e-9, 1e-15])
+@pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
+def test_a_column_that_hardly_moves_in_nominal_runs_may_move_in_another_with_a_multiple_of_it(still, size):
+    innovations = Innovations.of_nominal([shaken(seed, still) for seed in range(4)])
+    alone = Innovations.of_nominal([loop(seed) for seed in range(4)])
+    x = shaken(9, size)
+    found, scatter = innovations.of(x, TIMES, float(N)), innovations.scatter(x, TIMES, float(N))
+    assert found.keys() == scatter.keys() >= {0, 1, 2}
+    assert all(np.isfinite(each).all() for each in (*found.values(), *scatter.values()))
+    assert np.array_equal(found[0], alone.of(x[:, :2], TIMES, float(N))[0])
+    x[5, 1:] = np.inf
+    with np.errstate(invalid="ignore", over="ignore"):
+        assert np.isnan(innovations.of(x, TIMES, float(N))[2]).all()
