@@ -235,8 +235,8 @@ class RobotFile(Table):
         return self
 
 
-_OF_THE_CONTROLLER = ("policy", "observation", "command", "parameters", "failure")
-"""Definition: keys of a robot file that only a policy, or a test with it, needs."""
+_OF_TESTS = ("policy", "observation", "command", "parameters", "failure", "root")
+"""Definition: keys of a robot file that only a policy, a test with it, or a free base needs."""
 
 
 @dataclass(frozen=True)
@@ -264,8 +264,7 @@ class Description:
     def held(self) -> Description:
         """Return the description of the robot in the air, without its policy and what only its tests have."""
         empty = {
-            name: RobotFile.model_fields[name].get_default(call_default_factory=True)
-            for name in _OF_THE_CONTROLLER
+            name: RobotFile.model_fields[name].get_default(call_default_factory=True) for name in _OF_TESTS
         }
         return replace(self, table=self.table.model_copy(update=empty))
 

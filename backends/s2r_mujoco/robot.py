@@ -51,12 +51,14 @@ class Robot:
         stated = self._stated(self.description.table.deploy)
         self.description = self.description.completed(stated)
         self.own_effects = self._own_effects(strict=not held)
-        self.held = held or not self.description.table.policy
-        if self.held:
-            self.description = self.description.held()
         table = self.description.table
         self.policy = self._open_policy(table.policy) if table.policy else None
         self.deployment = stated if table.deploy else self._of_metadata()
+        self.held = held or not table.policy
+        if self.held:
+            self.description, self.policy = self.description.held(), None
+            self.deployment = self.deployment.without_observation()
+            table = self.description.table
         self.file = self._model_file()
         model = self.file.compile()
         self.model = model
@@ -83,7 +85,8 @@ class Robot:
         self.failures = Failures(table.failure, self.channels, self.name)
         self.failures.check()
         self.parameters = parameters_of(self.description, self.plan, self.file, model)
-        _ = self.stated  # refuses an effect that the catalogue lacks
+        if not held:  # each rollout in the air brings those that the robot also has there
+            _ = self.stated  # refuses an effect that the catalogue lacks
 
     # -- files ----------------------------------------------------------------------------------------------------
 

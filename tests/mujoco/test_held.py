@@ -13,7 +13,10 @@ from s2r_spec.errors import TraceError, TraceNote, UsageError
 from s2r_spec.protocols import PLAYED, PROTOCOL, HasInputs, HasPlayable, HasProtocols, write_playable
 from s2r_spec.trace import Trace
 from tests.errors import naming
-from tests.mujoco.robots import robot
+from tests.mujoco.make_policies import HERE
+from tests.mujoco.robots import SPIN, opened, robot
+from tests.mujoco.test_cart import STATE
+from tests.mujoco.test_found import deployed
 
 ARM = """<mujoco model="arm">
   <compiler angle="radian"/><option timestep="0.002" integrator="implicitfast"/>
@@ -126,6 +129,30 @@ def test_a_robot_with_a_policy_offers_protocols_too(tmp_path):
     assert rms(box.residuals(trace)).min() > 0.05
     with pytest.raises(TraceError, match="contacts"):
         box.residuals(box.rollout({}, 0))
+
+
+def with_keys_of_tests(folder):
+    text = 'decimation = 4\nobservation = ["base_lin_vel", { term = "projected_gravity", frame = "imu" }]\n'
+    text += 'root = "trunk"\nfailure.fell = "height < 0.1"\naction = { stiffness = 3, damping = 0.08 }\n'
+    return robot(folder, text + SPIN + "effects.slope.left = 2.0\neffects.armature.joint = 0.01\n", 6)
+
+
+def with_gains_of_metadata(folder):
+    for name in ("cart.xml", "cart_mjlab.onnx"):
+        (folder / name).write_bytes((HERE / name).read_bytes())
+    return opened(folder, f'model = "cart.xml"\npolicy = "cart_mjlab.onnx"\ndecimation = 4\n{STATE}')
+
+
+@pytest.mark.parametrize("made", [deployed, with_keys_of_tests, with_gains_of_metadata])
+def test_what_only_a_policy_or_a_free_base_needs_stops_no_protocol_log_or_residual(tmp_path, made):
+    backend = made(tmp_path)
+    trace = backend.run("steps", {}, 0)
+    log = trace.between(1.0, 3.0).shift(-1.0)
+    played = backend.play(log, {}, 0)
+    name = "q_slide" if "q_slide" in log.channels else "q"
+    assert np.ptp(log[name]) > 0.1
+    assert played[name] == pytest.approx(log[name], abs=0.03)
+    assert rms(backend.residuals(trace)).max() < 0.1
 
 
 @pytest.mark.parametrize("protocol", ["joint_sine", "steps", "coast"])

@@ -98,3 +98,12 @@ def test_a_deploy_file_of_another_robot_names_the_counts(tmp_path):
     with pytest.raises(UsageError) as caught:
         opened(tmp_path, LSTM.replace(f"{G1}/g1.yaml", f"{LAB}/deploy.yaml"))
     assert states(str(caught.value), "deploy.yaml", "29 joints", "12 actuators")
+
+
+@pytest.mark.parametrize(("text", "joints"), [(GO1, 12), (BERKELEY, 12), (G1_LAB, 29), (LSTM, 12)])
+def test_each_moves_its_joints_in_the_air(tmp_path, text, joints):
+    backend = opened(tmp_path, text)
+    trace = backend.run("steps", {}, 0)
+    assert (np.ptp(trace["q"], axis=0) > 0.03).all()
+    assert backend.play(trace.between(1.0, 2.0).shift(-1.0), {}, 0)["q"].shape == (51, joints)
+    assert len(backend.residuals(trace).channels) == joints

@@ -12,7 +12,7 @@ Every list of a :class:`Deployment` is in policy order. Angles are in rad, gains
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 TERMS = (
@@ -100,6 +100,10 @@ class Deployment:
     model: str = ""
     files: tuple[Path, ...] = ()  # for hashes
     unused: tuple[str, ...] = ()  # keys of the files that have no meaning here: "section.key"
+
+    def without_observation(self) -> Deployment:
+        """Return what the files say of the joints alone: a robot in the air has no policy, and no attitude."""
+        return replace(self, terms=(), command_ranges={})
 
     def actuators(self, count: int) -> tuple[int, ...]:
         """Return the actuator of each policy joint in a model that has ``count`` actuators in motor order.
