@@ -196,7 +196,8 @@ def _before(spec: Path, compared: Diagnosed, running: Running, campaign: Campaig
         raise UsageError(f"--{given[0]} is for a machine or its logs; give --real, too")
     form = writing.settled(("text", "json"))
     executor, _ = pool(running.workers, running.scheduler)
-    with Stages(console(stderr=True), running.quiet) as stages:
+    opening = "no recordings (--real) are given; this says what runs would identify, by the simulator alone"
+    with Stages(console(stderr=True), running.quiet, opening=opening) as stages:
         found = before_data(
             spec,
             compared.sim,

@@ -31,6 +31,7 @@ from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import UsageError
 from s2r_spec.base.json_values import DIGITS, Shown
 from s2r_spec.certify.arguments import as_simulator, as_spec
+from s2r_spec.diagnose.data.cost import Cost, of_library
 from s2r_spec.diagnose.data.protocols import allowed_experiments, with_protocols_of
 from s2r_spec.diagnose.data.rollouts import as_experiment
 from s2r_spec.diagnose.data.space_filling import star
@@ -43,10 +44,11 @@ from s2r_spec.diagnose.inference.prior import SLAB
 from s2r_spec.diagnose.run import HERE, one_thread
 from s2r_spec.diagnose.simulator.axes import EffectAxis
 from s2r_spec.diagnose.simulator.bench import Bench
-from s2r_spec.diagnose.simulator.library import library
+from s2r_spec.diagnose.simulator.cache import Cache
+from s2r_spec.diagnose.simulator.library import library, most_rollouts
 from s2r_spec.diagnose.simulator.response import ResponseLibrary
 from s2r_spec.diagnose.simulator.score import Score
-from s2r_spec.diagnose.watched import Progress
+from s2r_spec.diagnose.watched import Progress, Watched
 from s2r_spec.spec import Spec
 from s2r_spec.workers.pools import ExecutorFactory, keep_open
 
@@ -147,8 +149,16 @@ def before_data(
         candidates.append(Candidate(one, protocol_of(backend, one.protocol).duration, able, RUNS * able))
     if not any(one.allowed for one in candidates):
         raise UsageError(f"no test and no protocol of {backend.name} is planned, so nothing is identified")
+    experiments, cache = [one.experiment for one in candidates], Cache.usual()
+
+    def cost() -> Cost:
+        progress("timing a rollout of the simulator", 0, 0)
+        most = most_rollouts(backend, experiments, cache, score)
+        return Cost(None, of_library(backend, most), None)
+
+    Watched(progress).expect(cost)
     with keep_open(executor if backend.cost > HERE else None) as pool:
-        known = library(backend, [one.experiment for one in candidates], pool, progress, score=score)
+        known = library(backend, experiments, pool, progress, cache, score)
     progress("what the runs would say", 0, 0)
     responses = [known.response(one.experiment) for one in candidates]
     nominal = [Observation.of(one, [one.nominal], known.dependence) for one in responses]

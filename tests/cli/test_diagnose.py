@@ -47,8 +47,15 @@ def test_a_cause_is_named_applied_and_used(cart):
     assert states(cart(*SWING, "--resume", "run", "--seed", 5, code=2).stderr, "seed 0", "5")
 
 
-def test_without_a_machine_it_says_what_runs_would_identify(cart):
-    before = ("diagnose", "swing.stl", "--sim", "swing", "--no-protocols", "-q")
+def test_without_a_machine_it_says_what_runs_would_identify(cart, monkeypatch):
+    monkeypatch.setenv("S2R_CACHE", str(cart.folder / "cache"))
+    before = ("diagnose", "swing.stl", "--sim", "swing", "--no-protocols")
+    first, *others = cart(*before, code=0).stderr.splitlines()
+    assert "--real" in first
+    cost = next(k for k, line in enumerate(others) if states(line, "toy", "on one core"))
+    assert cost < next(k for k, line in enumerate(others) if line.startswith("simulating"))
+    assert not any("held out" in line for line in others)
+    before = (*before, "-q")
     found = json.loads(cart(*before, "--json", code=0).stdout)
     jsonschema.validate(found, schema("s2r.before/1"))
     assert {one["effect"]: one["run"] for one in found["effects"]} == {

@@ -6,6 +6,7 @@ from time import sleep
 import pytest
 
 import s2r_spec as s2r
+from s2r_spec.diagnose.before import before_data
 from s2r_spec.diagnose.data.campaign import smallest_with_held_out
 from s2r_spec.diagnose.data.cost import of_library
 from tests.diagnose.toy import TEST, Toy
@@ -89,4 +90,16 @@ def test_recordings_cost_only_simulations(tmp_path, ran):
     again = Announced(ran, end=True)
     with pytest.raises(AnnouncedError):
         s2r.diagnose(TOY, Toy(), rollouts, cache=tmp_path, progress=again)
+    assert again.cost.simulated.rollouts == 0 < announced.cost.simulated.rollouts
+
+
+def test_before_the_data_only_simulations_cost(tmp_path, monkeypatch, ran):
+    monkeypatch.setenv("S2R_CACHE", str(tmp_path))
+    announced = Announced(ran)
+    before_data(TOY, Toy(), progress=announced)
+    assert {one.added for one in announced.before} == {()}
+    assert (announced.cost.real, announced.cost.held_out) == (None, None)
+    again = Announced(ran, end=True)
+    with pytest.raises(AnnouncedError):
+        before_data(TOY, Toy(), progress=again)
     assert again.cost.simulated.rollouts == 0 < announced.cost.simulated.rollouts

@@ -76,8 +76,9 @@ class Stages(ProgressView):
         what = "every effect is simulated already"
         if simulated.rollouts:
             what = f"about {_words(simulated)} on one core, to simulate every effect"
-        self._say(f"on {simulated.backend}: {what}; the estimate runs further ones")
-        if not cost.held_out:
+        further = "" if cost.held_out is None else "; the estimate runs further ones"
+        self._say(f"on {simulated.backend}: {what}{further}")
+        if cost.held_out == 0:
             way = f"; a budget of {cost.enough} would hold some out" if cost.enough is not None else ""
             self._say(f"note: no test is held out, so no held-out gap will be measured{way}", always=True)
 

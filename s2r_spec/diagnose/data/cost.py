@@ -45,13 +45,13 @@ class Cost:
     Attributes:
         real: the rollouts that the machine still has to run; None for recordings.
         simulated: the rollouts of the simulator's library.
-        held_out: number of held-out tests; without any, no held-out gap is measured.
+        held_out: number of held-out tests; without any, no held-out gap is measured. None before the data.
         enough: smallest budget that holds tests out; None for recordings.
     """
 
     real: Expected | None
     simulated: Expected
-    held_out: int
+    held_out: int | None
     enough: int | None = None
 
 
