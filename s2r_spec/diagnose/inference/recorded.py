@@ -90,7 +90,13 @@ class Recorded:
                 if (key := (one.response.experiment.protocol, name)) in innovations:
                     most = max(innovations[key], float(ratio[places].max()))
                     variance[places] = own[places] * most + extra[places]
-            plain = replace(one, law=0.0, form=np.zeros_like(one.form), spread=np.zeros_like(one.spread))
+            plain = replace(
+                one,
+                law=0.0,
+                effective=one.share * one.effective,
+                form=np.zeros_like(one.form),
+                spread=np.zeros_like(one.spread),
+            )
             observations.append(plain)
             scatter.append(own)
             machine.append(variance / len(rows) + (one.variants**2).sum(axis=0) + 1e-12)
