@@ -9,17 +9,22 @@ from s2r_spec.base.errors import S2RError, UsageError
 from s2r_spec.diagnose.data.rollouts import RealRollouts
 from s2r_spec.diagnose.decision import Evidence
 from s2r_spec.diagnose.diagnosis import Diagnosis, Provenance, Which
-from s2r_spec.diagnose.quality import Finding
+from s2r_spec.diagnose.quality import Finding, Loop
 from s2r_spec.diagnose.simulator.bench import Bench
 from s2r_spec.runs.repeatability import check_here, is_repeated
 
 
 def refusal(
-    bench: Bench, seed: int, rollouts: RealRollouts, broken: Sequence[Finding], assumptions: tuple[str, ...]
+    bench: Bench,
+    seed: int,
+    rollouts: RealRollouts,
+    broken: Sequence[Finding],
+    assumptions: tuple[str, ...],
+    loop: Loop | None = None,
 ) -> Diagnosis:
-    """Return the answer from recordings with mistakes that are certain."""
+    """Return the answer from recordings with mistakes that are certain, or with a loop of which no size is known."""
     return Diagnosis(
-        Which(Evidence((), findings=broken), ()),
+        Which(Evidence((), findings=broken, loop=loop), ()),
         None,
         {},
         provenance(bench, seed, rollouts, 0),

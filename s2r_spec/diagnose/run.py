@@ -65,6 +65,7 @@ from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import library, most_rollouts, refined_at
 from s2r_spec.diagnose.simulator.open_loop import OpenLoop
 from s2r_spec.diagnose.simulator.response import ResponseLibrary
+from s2r_spec.diagnose.simulator.runs import NominalError
 from s2r_spec.diagnose.simulator.score import Score
 from s2r_spec.diagnose.watched import Progress, Watched
 from s2r_spec.runs.scorer import adapt_to_spec
@@ -172,9 +173,14 @@ def diagnose(
         if broken:
             diagnosis = refusal(work.bench, seed, rollouts, broken, ASSUMPTIONS)
         else:
-            data = data or _recordings(work, rollouts, protocols, passive)
-            work, data = _with_rival_loop(work, data, protocols, passive)
-            diagnosis = _answer(work, data, where)
+            try:
+                data = data or _recordings(work, rollouts, protocols, passive)
+                work, data = _with_rival_loop(work, data, protocols, passive)
+                diagnosis = _answer(work, data, where)
+            except NominalError:
+                if work.loop is None or not work.mistakes:
+                    raise
+                diagnosis = refusal(work.bench, seed, rollouts, (), ASSUMPTIONS, work.loop.without_sizes)
     return replace(diagnosis, notes=(*diagnosis.notes, *dict.fromkeys(kept.notes)), spec=spec, real=called)
 
 
@@ -271,10 +277,10 @@ def _campaign(
         )
     )
     refuse_memory(bench, work.seed)
+    progress = partial(work.tell, "real rollouts")
     # The library comes first: a simulator that cannot be diagnosed costs no rollout of the machine.
     if not runnable:
         work.library([as_experiment(bench, test) for test in middle[:1]])
-        progress = partial(work.tell, "real rollouts")
         rollouts = campaign(bench, machine, fixed, work.seed, folder=folder, progress=progress)
         rollouts = replace(rollouts, notes=(*refusals, *rollouts.notes))
         return _data_of_tests(work, rollouts, others, frozenset(), " at the other tests")
@@ -291,7 +297,6 @@ def _campaign(
         best = next_test(InformationForecast.of(current), before.candidates(bench, train, dropped))
         return None if best is None else best.candidate.experiment
 
-    progress = partial(work.tell, "real rollouts")
     rollouts = campaign(bench, machine, fixed, work.seed, choose, folder, progress)
     rollouts = replace(rollouts, notes=(*refusals, *rollouts.notes))
     return replace(before, rollouts=rollouts, parts=split(rollouts, work.seed, fixed.held_out))

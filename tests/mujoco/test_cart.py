@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from s2r_spec.backend import load_backend
+from s2r_spec.diagnose import diagnose
 from s2r_spec.errors import UsageError
 from tests.errors import naming, states
 from tests.mujoco import make_policies
@@ -245,3 +246,25 @@ def test_a_command_that_the_policy_does_not_read_is_named(tmp_path):
     wrong = [one for one in robot(tmp_path, toml, 4).preflight(run=False) if one.level == "wrong"]
     assert [one.topic for one in wrong] == ["command"]
     assert states(wrong[0].words, "command.lin_vel_x", "velocity_commands")
+
+
+def test_a_mistake_with_which_the_simulator_falls_is_named_without_sizes(cart):
+    (cart.folder / "up.stl").write_text(
+        "signal q {deg}\nparam mass {g} in [600, 1400]\nrequire up: always[0 s, 2 s] (abs(q) <= 17 {deg})\n"
+        "certify up: fall = -30\n"
+    )
+    robot = load_backend("cart.toml")
+    (wrong,) = (one for one in robot.mistakes() if one.name == "joint_vel has the wrong sign")
+    machine = robot.with_mistakes([wrong])
+    keep = ["q", "dq", "q_slide", "dq_slide", "tau_slide", "target"]
+    runs = [
+        ({"mass": mass}, machine.rollout({"mass": mass / 1e3}, 7)) for mass in 2 * [700.0, 1000.0, 1300.0]
+    ]
+    assert all(trace.failure == "fell" for _, trace in runs)
+    found = diagnose(
+        "up.stl", "cart.toml", [(test, trace.only(keep)) for test, trace in runs], cache=cart.folder / "cache"
+    )
+    assert [one.name for one in found.mistakes] == [wrong.name]
+    assert found.exit_code == 0
+    assert not found.which.effects
+    assert "estimated" in found.reason

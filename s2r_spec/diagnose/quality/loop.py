@@ -57,6 +57,12 @@ class Loop(Shown):
         return all(one.keys for one in self.mistakes)
 
     @property
+    def without_sizes(self) -> Loop:
+        """The loop with words on a simulator that fails with it."""
+        words = "With it the simulator fails at a recorded test, too, so no effect is estimated beside it."
+        return replace(self, words=f"{self.words} {words}")
+
+    @property
     def possible(self) -> tuple[str, ...]:
         """Loops with a mistake, in words, of which more likely than not the machine has one; () where one is sure."""
         every = dict([(words_of(self.mistakes), self.probability), *self.rivals])

@@ -150,6 +150,10 @@ class Runs:
         return runs
 
 
+class NominalError(BackendError):
+    """A nominal run of the simulator fails, so it has no responses."""
+
+
 def kept(cache: Cache, places: Mapping[Experiment, str]) -> dict[Experiment, Runs]:
     """Return the runs that a cache has, from experiment → file below its folder."""
     found = {experiment: cache.read(place, Runs.load) for experiment, place in places.items()}
@@ -294,13 +298,13 @@ def pilot(backend: Backend, experiment: Experiment, score: Score | None = None) 
     """Return the nominal runs that decide the observables.
 
     Raises:
-        BackendError: one of them fails.
+        NominalError: one of them fails.
     """
     traces = []
     for seed in NOMINAL_PILOT.seeds:
         trace = experiment.run(backend, seed)
         if trace.failure:
-            raise BackendError(
+            raise NominalError(
                 f"the simulator {backend.name!r} fails in {experiment}: {trace.failure}; a diagnosis needs a nominal "
                 "simulator that passes it"
             )
