@@ -14,9 +14,6 @@ degrees of freedom (Gelman et al., *Bayesian Data Analysis*, 3rd ed., §2.6). Th
 varies as that of N_g = n_g²/tr C² independent ones, and two errors of the shape C have a squared cosine of tr C²/n_g²
 on average. So 1/N_g is the mean squared cosine over all pairs of machines, whatever the size of an error.
 
-Errors of several groups may be the same, such as those of a gait that comes a little later. Joined, with each group's
-mean square over machines as unit and the weight N_g, they have N independent numbers by the same cosine, and not Σ N_g.
-
 Units: ρ_g, κ_g, N_g dimensionless. Shapes: G groups of n_g observables.
 Source: Satterthwaite, *Biometrics Bulletin* 2 (1946) 110.
 """
@@ -39,8 +36,8 @@ CLEAR = 4.0
 
 def relative_errors(
     sums: FloatArray, rest: FloatArray, scatter: FloatArray, parts: Sequence[NDArray[np.int64]]
-) -> tuple[FloatArray, FloatArray, FloatArray, float]:
-    """Return (G,) ρ_g, (G,) κ_g, (G,) N_g, and N/Σ N_g.
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return (G,) ρ_g, (G,) κ_g and (G,) N_g.
 
     Args:
         sums: (M, n) S_j.
@@ -49,7 +46,6 @@ def relative_errors(
         parts: places of every group among the n.
     """
     coherent, other, size = np.empty(len(parts)), np.empty(len(parts)), np.empty(len(parts))
-    joined = []
     for g, part in enumerate(parts):
         s, e = sums[:, part] / scatter[:, part], rest[:, part] / scatter[:, part]
         whole = np.isfinite(e).all(axis=1)
@@ -59,17 +55,11 @@ def relative_errors(
         errors = e - slope[:, None] * s
         left = (errors**2).mean(axis=1)
         size[g] = effective_number(errors)
-        weighted = np.full((len(rest), part.size), np.nan)
-        weighted[whole] = errors * np.sqrt(size[g] / max(float((errors**2).sum()), 1e-24))
-        joined.append(weighted)
         clear = signal * size[g] > CLEAR * np.maximum(left, 1.0)
         coherent[g] = _shrunk((_median(np.abs(slope[clear])) / MEDIAN) ** 2, int(clear.sum()))
         moved = signal > 1.0
         other[g] = _shrunk(_median(np.maximum(left[moved] - 1.0, 0.0) / signal[moved]), int(moved.sum()))
-    every = np.hstack(joined)
-    every = every[np.isfinite(every).all(axis=1)]
-    share = min(effective_number(every) / float(size.sum()), 1.0) if len(every) > 1 else 1.0
-    return np.sqrt(coherent), np.sqrt(other), size, share
+    return np.sqrt(coherent), np.sqrt(other), size
 
 
 def effective_number(errors: FloatArray) -> float:

@@ -53,7 +53,6 @@ class Observation:
         ran: (K,) coordinates at which the simulator ran; 0 before any correction.
         exact: (n,) whether that run has the observable; one that ended early lacks the rest.
         law: ρ, the part by which another author's law differs.
-        share: N/Σ N_g, the part of the numbers of all groups that is independent.
     """
 
     response: Response
@@ -72,7 +71,6 @@ class Observation:
     ran: FloatArray
     exact: NDArray[np.bool_]
     law: float = LAW_SHARE
-    share: float = 1.0
 
     @classmethod
     def of(cls, response: Response, vectors: Sequence[FloatArray], dependence: Dependence) -> Observation:
@@ -222,9 +220,8 @@ class Observation:
             self, law=0.0, form=np.zeros_like(self.form), spread=2.0 * self.response.spread[:, self.kept]
         )
         noise = np.sqrt([runs + plain.errors(theta) + self._background + 1e-24 for theta in practice.theta])
-        coherent, other, size, share = relative_errors(sums, rest, noise, self._places)
-        form = np.repeat(other, self._layout[1])
-        return replace(self, coherent=coherent, effective=size, form=form, share=share)
+        coherent, other, size = relative_errors(sums, rest, noise, self._places)
+        return replace(self, coherent=coherent, effective=size, form=np.repeat(other, self._layout[1]))
 
     @cached_property
     def _where_ran(self) -> list[tuple[FloatArray, FloatArray]]:

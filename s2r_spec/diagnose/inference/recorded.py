@@ -27,6 +27,7 @@ import numpy as np
 
 from s2r_spec.backend import Backend
 from s2r_spec.base.arrays import FloatArray
+from s2r_spec.diagnose.inference.independence import independent_numbers
 from s2r_spec.diagnose.inference.instruments import instrument_variance, white_noise
 from s2r_spec.diagnose.inference.kinds import Kinds
 from s2r_spec.diagnose.inference.observation import Observation
@@ -84,7 +85,8 @@ class Recorded:
         )
         innovations = _innovation_ratios(every, parts)
         observations, machine, scatter = [], [], []
-        for (one, rows, extra), own, ratio in zip(every, scatters, ratios, strict=True):
+        sizes = independent_numbers([one for one, _, _ in every])
+        for (one, rows, extra), own, ratio, size in zip(every, scatters, ratios, sizes, strict=True):
             variance = (own + extra) * np.maximum(ratio, 1.0)
             for name, places in one.parts:
                 if (key := (one.response.experiment.protocol, name)) in innovations:
@@ -93,7 +95,7 @@ class Recorded:
             plain = replace(
                 one,
                 law=0.0,
-                effective=one.share * one.effective,
+                effective=size,
                 form=np.zeros_like(one.form),
                 spread=np.zeros_like(one.spread),
             )

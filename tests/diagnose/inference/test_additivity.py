@@ -19,7 +19,7 @@ def machines(coherent, other, scatter=0.1, seed=0):
 
 @pytest.mark.parametrize(("coherent", "other"), [(0.05, 0.0), (0.4, 0.2), (0.0, 0.8)])
 def test_the_errors_of_machines_are_found(coherent, other):
-    (rho,), (kappa,), _, _ = relative_errors(*machines(coherent, other), PARTS)
+    (rho,), (kappa,), _ = relative_errors(*machines(coherent, other), PARTS)
     # Without any error of its own direction, other errors project onto it: κ/√n.
     assert rho == pytest.approx(np.hypot(coherent, other / np.sqrt(OBSERVABLES)), rel=0.25, abs=0.03)
     assert kappa == pytest.approx(other, rel=0.15, abs=0.05)
@@ -28,21 +28,21 @@ def test_the_errors_of_machines_are_found(coherent, other):
 def test_a_few_machines_that_slide_change_little():
     sums, rest, scatter = machines(0.1, 0.1)
     rest[:20] *= 100.0
-    (rho,), (kappa,), _, _ = relative_errors(sums, rest, scatter, PARTS)
+    (rho,), (kappa,), _ = relative_errors(sums, rest, scatter, PARTS)
     assert rho < 0.15
     assert kappa < 0.15
 
 
 def test_a_group_that_no_machine_moves_keeps_the_prior():
     sums, rest, scatter = machines(0.0, 0.0)
-    (rho,), (kappa,), _, _ = relative_errors(0.0 * sums, rest, scatter, PARTS)
+    (rho,), (kappa,), _ = relative_errors(0.0 * sums, rest, scatter, PARTS)
     assert rho == kappa == pytest.approx(0.1)
 
 
 def test_a_machine_that_fell_does_not_count():
     sums, rest, scatter = machines(0.3, 0.0)
     rest[:5, 3] = np.nan
-    (rho,), _, _, _ = relative_errors(sums, rest, scatter, PARTS)
+    (rho,), _, _ = relative_errors(sums, rest, scatter, PARTS)
     assert rho == pytest.approx(0.3, rel=0.25)
 
 
@@ -64,13 +64,3 @@ def test_errors_of_any_size_say_the_same_about_their_number():
 def test_the_number_is_one_for_a_single_shape_and_all_without_machines():
     assert effective_number(np.outer(np.arange(1.0, 9.0), np.arange(OBSERVABLES))) == pytest.approx(1.0)
     assert effective_number(np.zeros((5, OBSERVABLES))) == OBSERVABLES
-
-
-@pytest.mark.parametrize(("groups", "alike"), [(4, True), (4, False), (1, True)])
-def test_groups_with_the_same_errors_count_once(groups, alike):
-    rng = np.random.default_rng(4)
-    own = [rng.normal(size=(24, OBSERVABLES)) for _ in range(groups)]
-    rest = np.hstack([(2.0**g) * (own[0] if alike else own[g]) for g in range(groups)])
-    parts = [np.arange(OBSERVABLES) + g * OBSERVABLES for g in range(groups)]
-    *_, share = relative_errors(np.zeros_like(rest), rest, np.ones_like(rest), parts)
-    assert share == pytest.approx(1.0 / groups if alike else 1.0, rel=0.15)
