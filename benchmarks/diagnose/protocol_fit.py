@@ -39,8 +39,8 @@ from benchmarks.rows import add_arguments, resumed
 from s2r_spec.diagnose.data.rollouts import as_experiment
 from s2r_spec.diagnose.data.space_filling import star
 from s2r_spec.diagnose.estimation import Estimate, estimate
-from s2r_spec.diagnose.inference.estimates import is_named
-from s2r_spec.diagnose.inference.prior import NAMED, UNNAMED
+from s2r_spec.diagnose.inference.model_search import ModelPosterior
+from s2r_spec.diagnose.inference.prior import LIKELY, NAMED, SURE, UNNAMED
 from s2r_spec.diagnose.simulator.bench import Bench as SimulatorBench
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import library
@@ -137,6 +137,11 @@ def row(
         "misfit": misfit(found),
         "seconds": seconds,
     }
+
+
+def is_named(posterior: ModelPosterior) -> np.ndarray:
+    """Return (E,) whether each effect is named, as in an answer."""
+    return (posterior.beyond(UNNAMED) >= SURE) & (posterior.beyond(NAMED) >= LIKELY)
 
 
 def misfit(found: Estimate) -> dict[str, float]:

@@ -20,12 +20,11 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.diagnose.protocol_fit import EXPERIMENTS, SIM, responses
+from benchmarks.diagnose.protocol_fit import EXPERIMENTS, SIM, is_named, responses
 from benchmarks.plants import PLANTS
 from benchmarks.plants.cases import KINDS, Kind, plant
 from benchmarks.rows import add_arguments, resumed
 from s2r_spec.diagnose.estimation import estimate
-from s2r_spec.diagnose.inference.estimates import is_named
 from s2r_spec.diagnose.simulator.library import library
 
 RESULT = Path(__file__).parents[1] / "results" / "plants_diagnose.json"
