@@ -1,0 +1,36 @@
+"""Independent numbers in the scatter of runs, of a group and of groups that scatter together."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from s2r_spec.diagnose.inference.independence import squared_cosine
+
+RUNS, NUMBERS = 8, 60
+
+
+def number(rows):
+    """Return the independent numbers of (R, n) runs, of many experiments."""
+    pairs = list(combinations(range(RUNS), 2))
+    disjoint = np.array([[not {*a} & {*b} for b in pairs] for a in pairs])
+    return 1.0 / np.mean(
+        [squared_cosine(np.array([own[i] - own[j] for i, j in pairs]), disjoint) for own in rows]
+    )
+
+
+@pytest.mark.parametrize("alike", [1, 3, 20])
+def test_numbers_that_are_alike_count_once(alike):
+    rng = np.random.default_rng(0)
+    rows = [np.repeat(rng.normal(size=(RUNS, NUMBERS // alike)), alike, axis=1) for _ in range(40)]
+    assert number(rows) == pytest.approx(NUMBERS / alike, rel=0.15)
+
+
+def test_a_mean_that_all_runs_share_changes_nothing():
+    rng = np.random.default_rng(1)
+    rows = [100.0 + rng.normal(size=(RUNS, NUMBERS)) for _ in range(40)]
+    assert number(rows) == pytest.approx(NUMBERS, rel=0.15)
+
+
+def test_runs_without_scatter_say_nothing():
+    assert squared_cosine(np.zeros((3, 4)), np.ones((3, 3), dtype=bool)) is None
