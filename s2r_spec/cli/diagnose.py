@@ -15,7 +15,7 @@ from s2r_spec.base.files import refuse_existing, save
 from s2r_spec.base.json_values import document
 from s2r_spec.base.printable import one_line
 from s2r_spec.cli.options.groups import group_options, options, output_option, search_option
-from s2r_spec.cli.options.logs import LogReading
+from s2r_spec.cli.options.logs import READ, LogReading
 from s2r_spec.cli.options.output import Form, writable, write
 from s2r_spec.cli.options.search import Compared, Running, Seed, SpecFile
 from s2r_spec.cli.terminal.common import begin_run, pool, resumable, sentences
@@ -175,7 +175,7 @@ def diagnose(
         texts = [partial(each, diagnosis, parsed) for each in (forms[form], diagnosis_report.markup)]
         write(form, writing.output, *texts)
         writing.write_page(lambda: diagnosis_page.render(diagnosis, parsed, real))
-        following = [_next(diagnosis, compared, campaign.following)]
+        following = [_next(diagnosis, compared, real, campaign.following)]
         for sentence in following if form == "json" else [*written, *following]:
             if sentence:
                 errors.print(one_line(sentence), markup=False, soft_wrap=True)
@@ -258,8 +258,8 @@ def _files(diagnosis: Diagnosis, sim: str, campaign: Campaign) -> list[str]:
     return [line for one in found for line in (one.words, *one.table)]
 
 
-def _next(diagnosis: Diagnosis, compared: Diagnosed, path: Path | None) -> str:
-    """Return which experiment to run next; write the references of a protocol to a file if the robot has them."""
+def _next(diagnosis: Diagnosis, compared: Diagnosed, real: str, path: Path | None) -> str:
+    """Return which experiment to run next; write a protocol's references to a file if machine or simulator has them."""
     from s2r_spec.backend import load_backend
     from s2r_spec.diagnose.data.protocols import next_words
 
@@ -268,5 +268,7 @@ def _next(diagnosis: Diagnosis, compared: Diagnosed, path: Path | None) -> str:
     if (following := diagnosis.which.next_test) is None:
         return f"{path} is not written: no further experiment would separate what is open"
     assert diagnosis.spec is not None
-    units, robot = diagnosis.spec.space.units, load_backend(compared.sim)
-    return next_words(following.candidate.shown, units, robot, path, compared.open_loop)
+    units, simulator = diagnosis.spec.space.units, load_backend(compared.sim)
+    # Recordings have no references, and opening them reads them all again.
+    machine = None if real.startswith(READ) else load_backend(real)
+    return next_words(following.candidate.shown, units, simulator, path, compared.open_loop, machine)

@@ -102,6 +102,28 @@ def test_the_next_experiment_is_printed_and_played_from_a_file(cart, more):
     assert states((cart.folder / "next.csv").read_text().splitlines()[0], "q_0", "kp")
 
 
+MACHINE_ALONE_PLAYS = """
+from s2r_spec.backend import Recording
+from s2r_swing import Toy, swing
+
+class Simulator(Toy):
+    playable = None
+
+class Machine(Toy):
+    recordings = tuple(
+        Recording(str(k), {"v": k / 11}, swing("a=2").rollout({"v": k / 11}, k)) for k in range(12)
+    )
+"""
+
+
+def test_the_next_protocol_is_written_by_a_machine_where_the_simulator_has_no_references(cart):
+    (cart.folder / "lab.py").write_text(MACHINE_ALONE_PLAYS)
+    words = ("diagnose", "swing.stl", "--sim", "lab.py:Simulator", "-q", "--next", "next.csv")
+    done = cart(*words, "--real", "lab.py:Machine", code=3)
+    assert states(done.stderr, "protocol split", "next.csv")
+    assert states((cart.folder / "next.csv").read_text().splitlines()[0], "q_0", "kp")
+
+
 def test_files_of_its_own_are_written_by_a_robot_file_alone_and_over_nothing(cart):
     done = cart(*SWING, "--as-found", "found", code=2)
     assert states(done.stderr, "--as-found", "robot.toml", "swing", "--apply")

@@ -61,16 +61,18 @@ def with_protocols_of(backend: Backend, runnable: Sequence[Experiment]) -> list[
 def next_words(
     experiment: Experiment,
     units: Mapping[str, str],
-    robot: Backend,
+    simulator: Backend,
     path: Path | None = None,
     replayed: bool = False,
+    machine: Backend | None = None,
 ) -> str:
     """Return which experiment to run next; a test is in ``units``, or is ``replayed`` from recorded commands.
 
-    A robot that has references of its protocols writes them to ``path``, which ends in ``.csv``.
+    A machine that has references of its protocols writes them to ``path``, which ends in ``.csv``; else the simulator
+    does, if it has them.
 
     Raises:
-        UsageError: the robot does not have the protocol, or the path does not end in ``.csv``.
+        UsageError: the simulator, or the machine, does not have the protocol; or the path does not end in ``.csv``.
         TraceError: the file cannot be written.
     """
     add = "Then add its log, with its row of rollouts.csv, to the folder."
@@ -82,11 +84,12 @@ def next_words(
                 f"parameter of the specification in its row of rollouts.csv, to the folder."
             )
         return f"Run the test {test or 'of the spec'} next. {add}"
-    protocol = protocol_of(robot, experiment.protocol)
+    protocol = protocol_of(simulator, experiment.protocol)
     params = protocol.values(experiment.values)
     values = _values(params, {p.name: p.unit for p in protocol.parameters})
-    if path is not None and isinstance(robot, HasPlayable):
-        playing = write_playable(robot, protocol.name, params, path)
+    player = machine if isinstance(machine, HasPlayable) else simulator
+    if path is not None and isinstance(player, HasPlayable):
+        playing = write_playable(player, protocol.name, params, path)
     else:
         playing = protocol.words + (f" Risk: {protocol.risk}." if protocol.risk else "")
     return f"Run the protocol {protocol.name}{f' with {values}' if values else ''} next. {playing} {add}"

@@ -198,3 +198,8 @@ def test_the_next_experiment_in_words_and_as_a_file(tmp_path):
     words = next_words(half, units, Robot(), tmp_path / "coast.csv")
     assert states(words, "coast", "10 ms", "hits the end", "amplitude = 0.5")
     assert s2r.read_trace(tmp_path / "coast.csv")["q_0"][-1] == 0.5
+    # A machine whose defaults differ plays what was simulated.
+    other = replace(PROTOCOLS[0], parameters=(replace(AMPLITUDE, default=0.75),))
+    path, usual = tmp_path / "usual.csv", Experiment(other.name)
+    assert states(next_words(usual, units, Pointer(), path, machine=Robot(offered=(other,))), "usual.csv")
+    assert s2r.read_trace(path)["q_0"][-1] == AMPLITUDE.default
