@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 class Diagnosed(Compared):
     """What is diagnosed, from how many rollouts; each field is an option."""
 
-    real: str = typer.Option(
-        "",
+    real: str | None = typer.Option(  # type: ignore[assignment]  # optional here alone
+        None,
         help="Backend of the real machine: a robot, its logs as log:FOLDER, or a twin. Without it, the answer is which "
         "effects tests and protocols would identify.",
         show_default=False,
@@ -142,7 +142,7 @@ def diagnose(
         form = writing.settled(forms)
         names = campaign.names()
         if not compared.real:
-            _before(spec, compared, running, campaign, writing)
+            _before(spec, compared, running, reading, campaign, writing)
             return
         if campaign.as_found is not None:
             _writer(compared.sim)
@@ -182,18 +182,30 @@ def diagnose(
         raise typer.Exit(diagnosis.exit_code)
 
 
-def _before(spec: Path, compared: Diagnosed, running: Running, campaign: Campaign, writing: Writing) -> None:
+def _before(
+    spec: Path,
+    compared: Diagnosed,
+    running: Running,
+    reading: LogReading,
+    campaign: Campaign,
+    writing: Writing,
+) -> None:
     """Print what tests and protocols would identify, for a machine without any data."""
     from rich.markup import escape
 
     from s2r_spec.cli.terminal.stages import Stages
     from s2r_spec.diagnose.before import before_data
     from s2r_spec.report.before import text
+    from s2r_spec.spec import load_spec
 
+    if compared.real is not None:
+        raise UsageError("--real is empty; name a machine or log:FOLDER, or leave the option out")
     needs: dict[str, object] = {"apply": campaign.apply, "as-found": campaign.as_found}
     needs |= {"next": campaign.following, "report": writing.page, "budget": compared.budget}
+    needs |= {"seed": compared.seed, "run": running.run, "resume": running.resume}
     if given := [name for name, value in needs.items() if value is not None]:
         raise UsageError(f"--{given[0]} is for a machine or its logs; give --real, too")
+    reading.backends((), load_spec(spec), ())
     form = writing.settled(("text", "json"))
     executor, _ = pool(running.workers, running.scheduler)
     opening = "no recordings (--real) are given; this says what runs would identify, by the simulator alone"

@@ -66,7 +66,10 @@ def test_without_a_machine_it_says_what_runs_would_identify(cart, monkeypatch):
     }
     lines = cart(*before, code=0).stdout.splitlines()
     assert states(next(line for line in lines if line.startswith("  a.size")), "2 N", "b.size", "split")
-    assert states(cart(*before, "--next", "next.csv", code=2).stderr, "--next", "--real")
+    for option, value in (("--next", "next.csv"), ("--seed", 1), ("--run", "run"), ("--resume", "run")):
+        assert states(cart(*before, option, value, code=2).stderr, option, "--real")
+    assert states(cart(*before, "--when", "x > 0", code=2).stderr, "log:FOLDER")
+    assert states(cart(*before, "--real", "", code=2).stderr, "--real", "empty")
     assert states(cart(*before, "--format", "markdown", code=2).stderr, "markdown")
 
 
