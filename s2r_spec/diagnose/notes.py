@@ -110,9 +110,9 @@ def early_ends(
 ) -> tuple[str, list[Test]]:
     """Return what may have ended real rollouts early, in a sentence, and the tests at which the simulator alone does.
 
-    An effect is suspected if the smallest of its simulated sizes that ends the simulator early at all tests at which
-    real rollouts ended early does so at a third of the other tests at most. What the simulator does at a test is what
-    it does at the nearest one of the library.
+    The library's tests nearest to real ones stand for them; one nearest to both counts among those of early ends. An
+    effect is suspected if the smallest of its simulated sizes that ends the simulator early at all of these does so at
+    a third of the others at most. Without others, nothing tells effects apart, and nothing is said.
     """
     places = places_of([test for test, _ in rollouts])
     fell = [any(rollouts[n][1].failure is not None for n in own) for own in places.values()]
@@ -125,26 +125,34 @@ def early_ends(
         return "", alone
     if all(map(nominal.ends, early)):
         return "The simulator ends early at these tests, too", alone
+    near = {id(one) for one, of in zip(curves, fell, strict=True) if of}
+    simulated = {id(one): one for one in curves}
+    if not (others := len(simulated) - len(near)):
+        return "", alone
     suspects = []
     for k, axis in enumerate(library.parameters):
-        ends = [{*one[k].coordinates[one[k].ended].tolist()} if k in one else set[float]() for one in curves]
-        always = set.intersection(*(own for own, of in zip(ends, fell, strict=True) if of))
-        others = {x: sum(x in own for own, of in zip(ends, fell, strict=True) if not of) for x in always}
+        ends = {
+            n: {*one[k].coordinates[one[k].ended].tolist()} if k in one else set[float]()
+            for n, one in simulated.items()
+        }
+        always = set.intersection(*(ends[n] for n in near))
+        apart = {x: sum(x in own for n, own in ends.items() if n not in near) for x in always}
         for side in ([x for x in always if x < 0.0], [x for x in always if x > 0.0]):
-            if side and 3 * others[least := min(side, key=abs)] <= len(stood):
+            if side and 3 * apart[least := min(side, key=abs)] <= others:
                 value = f"{axis.value(least):.3g} {axis.unit}".rstrip()
-                suspects.append((abs(least), f"{axis.name} = {value}", others[least]))
+                suspects.append((abs(least), f"{axis.name} = {value}", apart[least]))
     suspects.sort()
     if not suspects:
         return (
-            "No simulated size of a single effect ends the simulator early at these tests and not at others",
+            "No simulated size of a single effect ends the simulator early at the nearest simulated tests and not at "
+            "others",
             alone,
         )
     few = max(count for *_, count in suspects[:SHOWN])
     others_too = f"no more than {few}" if few else "none"
     words = (
-        f"Each of these alone ends the simulator early at these tests, and at {others_too} of {len(stood)} other "
-        f"tests: {_some([name for _, name, _ in suspects])}"
+        f"Each of these alone ends the simulator early at the nearest simulated tests, and at {others_too} of "
+        f"{others} other{'s' * (others > 1)}: {_some([name for _, name, _ in suspects])}"
     )
     return words, alone
 

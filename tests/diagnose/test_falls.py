@@ -49,9 +49,9 @@ def asked(real, cache, sim=None):
     return why(runs, cache, sim or Tripping())[0], [trace.failure is not None for _, trace in runs]
 
 
-def why(runs, cache, sim):
+def why(runs, cache, sim, simulated=TESTS):
     bench = Bench.of(s2r.parse_spec(SPEC), "tracking", sim)
-    tests = [as_experiment(bench, test) for test in TESTS]
+    tests = [as_experiment(bench, test) for test in simulated]
     score = Score(bench.spec, bench.requirement, bench.matched)
     made = library(Tripping(), tests, cache=Cache(cache), score=score)
     return early_ends(bench, made, runs, Nominal.of(bench, TESTS, 0))
@@ -64,7 +64,17 @@ def test_what_ends_the_simulator_early_at_the_same_tests_and_not_at_others_is_to
     assert 0.5 <= float(size) < 0.95
     _, fell = asked(machine(motor=float(size)), cache)
     assert all(then for then, now in zip(fell, ended, strict=True) if now)
-    assert f"of {len(TESTS) - sum(ended)} other tests" in words
+    assert f"of {len(TESTS) - sum(ended)} others" in words
+
+
+def test_a_simulated_test_nearest_to_a_fall_and_to_a_rollout_that_stood_does_not_tell_them_apart(cache):
+    real = machine(motor=0.62)
+    runs = [(test, real.rollout(test, 7 + n)) for n, test in enumerate(TESTS)]
+    assert [trace.failure is not None for _, trace in runs][-4:] == [False, True, True, True]
+    assert why(runs, cache, Tripping(), TESTS[-1:])[0] == ""
+    words = why(runs, cache, Tripping(), [TESTS[0], TESTS[-1]])[0]
+    assert "motor" in words
+    assert "of 1 other" in words
 
 
 def test_a_simulator_that_ends_early_there_by_itself_is_no_gap(cache):
