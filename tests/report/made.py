@@ -81,7 +81,6 @@ def made_up(space, tests):
         gaps,
         grid,
         band,
-        band,
         0.01,
         worst,
         0.9,

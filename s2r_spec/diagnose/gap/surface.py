@@ -82,8 +82,7 @@ class GapSurface(Shown):
         unit: the unit of ρ.
         tests: ρ at the tests that were run.
         grid: (m, dim) places.
-        absolute: E|Δρ| there.
-        signed: E Δρ there; negative where the real machine is worse.
+        signed: E Δρ at these places; negative where the real machine is worse.
         floor: E|Δρ| of the simulator against itself; None if no test was simulated twice.
         worst: the test where E|Δρ| is probably largest.
         worst_probability: the probability of being within a tenth of every axis of the worst test.
@@ -97,7 +96,6 @@ class GapSurface(Shown):
     unit: str
     tests: tuple[RolloutsAtTest, ...]
     grid: FloatArray
-    absolute: Band
     signed: Band
     floor: float | None
     worst: Mapping[str, float]
@@ -163,14 +161,12 @@ def gap_surface(
     worst = space.at(distinct[near.argmax()])
     low, high = np.quantile(places, [0.05, 0.95], axis=0).tolist()
     perfect = floor(tests)
-    absolute = _band(size)
     least, most = np.quantile(largest, [LEVEL / 2, 1.0 - LEVEL / 2]).tolist()
     return GapSurface(
         space,
         unit,
         tests,
         grid,
-        absolute._replace(lower=np.maximum(absolute.lower, 0.0)),
         _band(signed),
         perfect,
         space.point(worst),
