@@ -30,7 +30,13 @@ def solved(matrix: FloatArray, right: FloatArray, least: float = 1.0) -> FloatAr
 
 
 def root(matrix: FloatArray, least: float = 1.0) -> FloatArray:
-    """Return (k, k) L of (k, k) A = LLᵀ; ``least`` is λ. Eigenvalues that rounding hides are as large as rounding."""
+    """Return (k, k) L of (k, k) A = LLᵀ; ``least`` is λ. Eigenvalues that rounding hides are as large as rounding.
+
+    L is triangular only up to :data:`CONDITION`.
+
+    Raises:
+        LinAlgError: the diagonal of A has a NaN, for which :func:`solved` returns NaN.
+    """
     if np.trace(matrix) <= CONDITION * least:
         return np.asarray(np.linalg.cholesky(matrix))
     values, vectors = np.linalg.eigh(matrix)

@@ -6,10 +6,10 @@ machine that scatters as the simulator does and has parameter k alone at its typ
     L_k = B (1 + S B)⁻¹,   B = Σ_p B_p at e_k       information about θ; S is the error that all groups share
     D²_k(A) = e_kᵀ (L_k⁻¹ + P_A)⁻¹ e_k              squared distance of the data from what the set A explains
 
-P_A is the variance of every size given A: σ_bg², or for a member the square of its range's larger end. k is *not seen*
-if D_k(∅) < 3, *only together* with every j of D_k({j}) < 3, else identified *alone*. Pairs are no rivals: the prior
-makes them twenty times as rare. A parameter that acts only beside another is free in the effects of A and of k. The
-half-width of k is 1.645 √[(L_k + P⁻¹)⁻¹]_kk, with σ_slab² for k.
+P_A is the variance of every size given A: σ_bg², or for a member max(e, σ_slab)² with e the larger end of its range,
+and σ_slab² if that is infinite. k is *not seen* if D_k(∅) < 3, *only together* with every j of D_k({j}) < 3, else
+identified *alone*. Pairs are no rivals: the prior makes them twenty times as rare. A parameter that acts only beside
+another is free in the effects of A and of k. The half-width of k is 1.645 √[(L_k + P⁻¹)⁻¹]_kk, with σ_slab² for k.
 
 Units: θ in typical sizes, D in standard deviations. Shapes: K parameters.
 Source: Ljung, *System Identification* (1999), ch. 13 (informative experiments).

@@ -12,13 +12,11 @@ square counts as variance.
 White noise moves innovations by a known amount, of which the square counts as variance. Their scatter follows from each
 trace itself (:meth:`..innovations.Innovations.scatter`), in parts of that of a simulated trace.
 
-Where tests were repeated, the variance of the observables of group g exceeds that of the simulator by f_g = (ν + Σ m
-q)/(ν + Σ m), with q the ratio of both variances at a test, and m its degrees of freedom: of one less than its runs, in
-N_g independent numbers.
+Where tests were repeated, the variance of the observables exceeds that of the simulator by a factor f ≥ 1, one ratio of
+sums over tests for all groups of one kind (:mod:`.kinds`).
 
 Units: those of the observables. Shapes: m observables.
-Source: Hall, Kay & Titterington, *Biometrika* 77 (1990) 521 (differences); Gelman et al., *Bayesian Data Analysis*, 3rd
-ed., §2.6 (ν).
+Source: Hall, Kay & Titterington, *Biometrika* 77 (1990) 521 (differences).
 """
 
 from __future__ import annotations
