@@ -70,6 +70,7 @@ def predicted(
     prior: SizePrior,
     executor: ExecutorFactory | None = None,
     proposed: Sequence[tuple[Set, FloatArray]] = (),
+    numbers: Sequence[FloatArray] | None = None,
 ) -> Predicted | None:
     """Return the posterior by predictions of left-out tests; None where there are fewer than :data:`FEWEST`.
 
@@ -80,8 +81,9 @@ def predicted(
         prior: of the sizes.
         executor: of the simulations.
         proposed: further sets with (K,) their sizes.
+        numbers: (G,) independent numbers of the groups of every test; those of the library if not given.
     """
-    data = Recorded.of(backend, library, tests)
+    data = Recorded.of(backend, library, tests).counting(numbers)
     if len(data.runs) < FEWEST:
         return None
     responses = [one.response for one in data.observations]
@@ -176,7 +178,7 @@ class _Search:
         return list(dict.fromkeys([ranked[0], *without]))
 
     def longer(self) -> list[Set]:
-        """Return the best sets that have one large cause more than the best one: few runs may not show it."""
+        """Return the best sets with one cause more than the best one, which few runs may hide."""
         ranked = self.ranked()
         best, more = {*self.shown(ranked[0])}, dict[Set, Set]()
         for members in ranked:

@@ -13,6 +13,7 @@ the posterior mean of all. The better one counts. The first rule that holds deci
 | END | a named value is at the end of its range, and surely less than 80 % is closed | none of these |
 | MISTAKE | an effect is named, and a mistake of the recordings explains more | none of these |
 | ALIKE | an effect is named, and a mistake of the recordings explains as much | confounded |
+| ALONE | a mistake of the loop is named; the simulator fails with it, so no effect is estimated | confounded |
 | RIVALS | an effect is named, and more likely than not another one is large, or a mistake there | confounded |
 | OPEN | an effect is named, and an allowed experiment would settle a possible one | confounded |
 | EFFECT | an effect is named, or a mistake of the loop | named |
@@ -67,6 +68,7 @@ class Rule(Enum):
     END = "end", Verdict.UNKNOWN
     MISTAKE = "mistake", Verdict.UNKNOWN
     ALIKE = "alike", Verdict.CONFOUNDED
+    ALONE = "alone", Verdict.CONFOUNDED
     RIVALS = "rivals", Verdict.CONFOUNDED
     OPEN = "open", Verdict.CONFOUNDED
     EFFECT = "effect", Verdict.NAMED
@@ -174,6 +176,8 @@ class Evidence:
             return Rule.MISTAKE
         if named and self.named and self.rivals:
             return Rule.ALIKE
+        if named and not self.effects:
+            return Rule.ALONE
         if named and self.doubtful:
             return Rule.RIVALS
         if named:

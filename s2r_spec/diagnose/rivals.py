@@ -60,6 +60,8 @@ def rival_loops(
     if found is None:
         return None
     data = Recorded.of(backend, library, tests)
+    # So that the densities of two loops are of the same numbers.
+    numbers = [one.effective for one in data.observations]
     responses = [one.response for one in data.observations]
     alone: dict[LoopMistake, float] = {}
     runs: dict[LoopMistake, list[FloatArray]] = {}
@@ -76,7 +78,7 @@ def rival_loops(
     for mistake in sorted(alone, key=lambda one: -alone[one])[:FITTED]:
         progress("fitting mistakes of the loop", 0, 0)
         near_it = _library_of(library, responses, runs[mistake])
-        own = predicted(mistakes[mistake], near_it, tests, prior, executor)
+        own = predicted(mistakes[mistake], near_it, tests, prior, executor, numbers=numbers)
         assert own is not None
         scores[mistake,], left[mistake,] = _scores(own.candidates, prior), _left(own)
     logs = {

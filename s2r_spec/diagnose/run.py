@@ -177,10 +177,12 @@ def diagnose(
                 data = data or _recordings(work, rollouts, protocols, passive)
                 work, data = _with_rival_loop(work, data, protocols, passive)
                 diagnosis = _answer(work, data, where)
-            except NominalError:
+            except NominalError as error:
                 if work.loop is None or not work.mistakes:
                     raise
-                diagnosis = refusal(work.bench, seed, rollouts, (), ASSUMPTIONS, work.loop.without_sizes)
+                diagnosis = refusal(
+                    work.bench, seed, rollouts, (), ASSUMPTIONS, work.loop.failing(error.where)
+                )
     return replace(diagnosis, notes=(*diagnosis.notes, *dict.fromkeys(kept.notes)), spec=spec, real=called)
 
 

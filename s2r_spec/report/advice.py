@@ -33,7 +33,7 @@ def next_step(diagnosis: Diagnosis, spec: Spec) -> str:
                 if test
                 else _spread(diagnosis)
             )
-        case Rule.EFFECT if diagnosis.evidence.mistakes:
+        case Rule.EFFECT | Rule.ALONE if diagnosis.evidence.mistakes:
             wrong = join_names(diagnosis.evidence.mistakes)
             return f"Correct the code around the controller: {wrong}. Then record again."
         case Rule.EFFECT:

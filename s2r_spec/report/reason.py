@@ -23,7 +23,7 @@ def reason(diagnosis: Diagnosis) -> str:
     match diagnosis.rule:
         case Rule.BROKEN:
             sentences = ["The recordings break the law of the controller, which no machine does.", _NOTHING]
-        case Rule.EFFECT | Rule.OPEN | Rule.RIVALS:
+        case Rule.EFFECT | Rule.OPEN | Rule.RIVALS | Rule.ALONE:
             sentences = [material, *_loop(diagnosis)]
             if diagnosis.evidence.named:
                 sentences.append(f"{_effects(diagnosis, 'explain')} the data best.")

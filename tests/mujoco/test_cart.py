@@ -265,6 +265,6 @@ def test_a_mistake_with_which_the_simulator_falls_is_named_without_sizes(cart):
         "up.stl", "cart.toml", [(test, trace.only(keep)) for test, trace in runs], cache=cart.folder / "cache"
     )
     assert [one.name for one in found.mistakes] == [wrong.name]
-    assert found.exit_code == 0
+    assert found.exit_code == 3
     assert not found.which.effects
-    assert "estimated" in found.reason
+    assert states(found.reason, wrong.name, "mass", "fell", "no effect is estimated")

@@ -2,13 +2,15 @@
 
 Data: R nominal runs of each experiment, with different seeds. Unknown: N_g, the effective number of independent errors
 of every kind of group, and N, that of all groups of an experiment. Where a chaotic gait comes a little late, all its
-channels differ at once, so that N is far below Σ N_g. Model: the difference of two runs has errors of covariance C.
-Two differences without a common run have a squared cosine of tr C²/(tr C)² = 1/N on average. Estimator:
+channels differ at once, so that N is far below Σ N_g. Model: x_i, the difference of two runs, has errors of covariance
+C. Of two differences without a common run, E (x_i·x_j)² = 2² tr C² and E |x_i|²|x_j|² = 2² (tr C)². Estimator:
 
-    1/N_g = mean squared cosine over such pairs of differences, in all experiments of one kind of motion
-    1/N   = the same of all groups joined, each with the weight N_g and its mean square as unit
+    N_g = Σ |x_i|²|x_j|² / Σ (x_i·x_j)²     sums over such pairs, in all experiments of one kind of motion
+    N   = the same of all groups joined, each with the weight N_g and its mean square as unit
 
-A likelihood of groups as if they were independent counts the same errors Σ N_g/N times. So group g has N_g N/Σ N_g.
+N_g is at most that of practice machines (:mod:`.additivity`), whose errors of form are smoother than scatter. A
+likelihood of groups as if they were independent counts the same errors Σ N_g/N times. So each group has the number
+M_g = N_g N/Σ N_g.
 
 Units: dimensionless. Shapes: n observables and G groups of an experiment.
 Source: Satterthwaite, *Biometrics Bulletin* 2 (1946) 110 (N); Pauli, Racugno & Ventura, *Statistica Sinica* 21 (2011)
@@ -31,35 +33,39 @@ TINY = 1e-24
 
 
 def independent_numbers(observations: Sequence[Observation]) -> list[FloatArray]:
-    """Return (G,) N_g N/Σ N_g of the groups of each observation; N_g of practice machines where runs do not scatter."""
+    """Return (G,) M_g of the groups of each observation; N_g of practice machines where runs do not scatter."""
     apart = [_differences(one) for one in observations]
     numbers = _by_kind(observations, apart)
     sizes = [
-        np.array([numbers.get((one.response.experiment.protocol, name), n) for name, n in _known(one)])
+        np.array(
+            [min(numbers.get((one.response.experiment.protocol, name), n), n) for name, n in _known(one)]
+        )
         for one in observations
     ]
-    joined: dict[str, list[float]] = {}
+    lengths: dict[str, float] = {}
+    products: dict[str, float] = {}
     for one, (rows, disjoint), size in zip(observations, apart, sizes, strict=True):
-        scaled = np.zeros_like(rows)
+        scaled, total, protocol = np.zeros_like(rows), 0.0, one.response.experiment.protocol
         for (_, places), n in zip(one.parts, size.tolist(), strict=True):
-            own = rows[:, places]
-            scaled[:, places] = own * np.sqrt(n / max(float((own**2).sum()), TINY))
-        if (square := squared_cosine(scaled, disjoint)) is not None:
-            joined.setdefault(one.response.experiment.protocol, []).append(square * float(size.sum()))
+            square = float((rows[:, places] ** 2).sum())
+            if square > TINY:
+                scaled[:, places], total = rows[:, places] * np.sqrt(n / square), total + n
+        if total:
+            own = squares(scaled, disjoint)
+            lengths[protocol] = lengths.get(protocol, 0.0) + own[0] / total
+            products[protocol] = products.get(protocol, 0.0) + own[1]
+    times = {protocol: max(products[protocol] / own, 1.0) for protocol, own in lengths.items() if own > TINY}
     return [
-        size / max(float(np.mean(joined.get(one.response.experiment.protocol, [1.0]))), 1.0)
+        size / times.get(one.response.experiment.protocol, 1.0)
         for one, size in zip(observations, sizes, strict=True)
     ]
 
 
-def squared_cosine(rows: FloatArray, disjoint: NDArray[np.bool_]) -> float | None:
-    """Return the mean squared cosine of (P, n) differences, over pairs of a (P, P) mask; None without any."""
-    length = np.sqrt((rows**2).sum(axis=1))
-    known = disjoint & np.outer(length**2 > TINY, length**2 > TINY)
-    if not known.any():
-        return None
-    direction = rows / np.maximum(length, np.sqrt(TINY))[:, None]
-    return float(((direction @ direction.T) ** 2)[known].mean())
+def squares(rows: FloatArray, disjoint: NDArray[np.bool_]) -> tuple[float, float]:
+    """Return Σ |x_i|²|x_j|² and Σ (x_i·x_j)² of (P, n) differences, over the pairs of a (P, P) mask."""
+    products = rows @ rows.T
+    lengths = np.diag(products)
+    return float(np.outer(lengths, lengths)[disjoint].sum()), float((products**2)[disjoint].sum())
 
 
 def _differences(one: Observation) -> tuple[FloatArray, NDArray[np.bool_]]:
@@ -82,11 +88,10 @@ def _known(one: Observation) -> list[tuple[tuple[str, str], float]]:
 def _by_kind(
     observations: Sequence[Observation], apart: Sequence[tuple[FloatArray, NDArray[np.bool_]]]
 ) -> Mapping[tuple[str, tuple[str, str]], float]:
-    """Return N_g by protocol and kind of group, at least 1 and at most the numbers of a group."""
-    squares: dict[tuple[str, tuple[str, str]], list[float]] = {}
+    """Return N_g by protocol and kind of group, at least 1."""
+    sums: dict[tuple[str, tuple[str, str]], FloatArray] = {}
     for one, (rows, disjoint) in zip(observations, apart, strict=True):
         for name, places in one.parts:
-            if (square := squared_cosine(rows[:, places], disjoint)) is not None:
-                key = one.response.experiment.protocol, name
-                squares.setdefault(key, []).append(max(square, 1.0 / places.size))
-    return {key: 1.0 / min(float(np.mean(own)), 1.0) for key, own in squares.items()}
+            key = one.response.experiment.protocol, name
+            sums[key] = sums.get(key, np.zeros(2)) + squares(rows[:, places], disjoint)
+    return {key: max(float(own[0] / own[1]), 1.0) for key, own in sums.items() if own[1] > TINY}

@@ -4,7 +4,8 @@ Data: for every group g of all experiments the mean squares of its residuals, E_
 the simulator with the set, each averaged over experiments of one kind of motion. Their unit is scatter, instruments and
 small amounts of all effects. With effects of another author's laws, the part ρ0 of every response is in it, too.
 
-    L(E) = Σ_g N_g max(log max(E_g, 1) − λ(N_g), 0),    shown = L(E(0)) / Σ_g N_g,    left = L(E) / L(E(0))
+    shown = Σ_g N_g max(log max(E_g(0), 1) − λ(N_g), 0) / Σ_g N_g
+    left = Σ_g N_g log max(E_g, 1) / Σ_g N_g log max(E_g(0), 1)
 
 N_g is the number of independent observables of a group in all experiments, and λ(n) is what scatter alone gives on
 average: the mean of log max(χ²_n/n, 1). Innovations do not count: they show the law of a machine's noise, too. A
@@ -61,11 +62,10 @@ class Misfit(Shown):
         before, after = ([float(one[own].mean()) for own in each] for one in (nominal, best))
         number = np.array([size[own].sum() for own in each])
         chance = np.array([by_chance(float(n)) for n in number])
-        logs = (np.log(np.maximum(one, 1.0)) - chance for one in (before, after))
-        misfit, rest = (float(number @ np.maximum(one, 0.0)) for one in logs)
-        return cls(
-            len(observations), misfit / max(float(number.sum()), 1.0), rest / misfit if misfit else 0.0
-        )
+        logs, rest = (np.log(np.maximum(one, 1.0)) for one in (before, after))
+        shown = float(number @ np.maximum(logs - chance, 0.0)) / max(float(number.sum()), 1.0)
+        misfit = float(number @ logs)
+        return cls(len(observations), shown, float(number @ rest) / misfit if misfit else 0.0)
 
     @property
     def rejected(self) -> bool:

@@ -6,10 +6,10 @@ Unknown: the set A of parameters that are causes, and θ (K,). Model:
     y_tg = F_tg(θ) + s_g u_tg ε_tg,   ε_tg: N_g independent N(0, 1),   s_g² ~ Inv-χ²(ν, 1)
     θ_k ~ N(0, σ_slab²) for k in A,   θ_k ~ N(0, σ_bg²) and |θ_k| ≤ 1/8 else
 
-F is the simulator, linear around runs at the estimate. N_g is the number of independent errors that no other group has
-(:mod:`.independence`). u_tg is the error that scatter and instruments make. s_g is one number of this machine: how far
-it is from the simulator's laws in this group, in all tests. A group that no set can follow has a large s_g, for every
-set. An effect below an eighth is no cause, so a set without k holds it there.
+F is the simulator, linear around runs at the estimate. N_g here is the number M_g of :mod:`.independence`. u_tg is the
+error that scatter and instruments make. s_g is one number of this machine: how far it is from the simulator's laws in
+this group, in all tests. A group that no set can follow has a large s_g, for every set. An effect below an eighth is no
+cause, so a set without k holds it there.
 
 Score of a set, with θ and s_g from all tests but t:
 

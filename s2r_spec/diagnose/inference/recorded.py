@@ -5,7 +5,7 @@ the first with the same seeds. Unknown: μ, the simulator's mean at these sizes,
 Model and estimator:
 
     μ = mean of the R runs − c (mean of the nominal runs of the same seeds − mean of all nominal runs)
-    Var(real mean − μ) = (machine + v − nominal)/R_m + v (1/R − c² (1/R − 1/n))
+    Var(real mean − μ) = (m + max(v − v₀, 0))/R_m + v/R + c² (v₀ − 2 √(v v₀)) (1/R − 1/n)
     v = f · (variance of the R runs, pooled with the nominal variance)
 
 Instruments and repeated runs of the machine add to the first variance (:mod:`.instruments`). An effect may make runs of
@@ -87,7 +87,7 @@ class Recorded:
         observations, machine, scatter = [], [], []
         sizes = independent_numbers([one for one, _, _ in every])
         for (one, rows, extra), own, ratio, size in zip(every, scatters, ratios, sizes, strict=True):
-            variance = (own + extra) * np.maximum(ratio, 1.0)
+            variance = (own + extra + 1e-12) * np.maximum(ratio, 1.0)
             for name, places in one.parts:
                 if (key := (one.response.experiment.protocol, name)) in innovations:
                     most = max(innovations[key], float(ratio[places].max()))
@@ -104,6 +104,13 @@ class Recorded:
             machine.append(variance / len(rows) + (one.variants**2).sum(axis=0) + 1e-12)
         number = tuple(len(rows) for _, rows, _ in every)
         return cls(tuple(observations), tuple(machine), tuple(scatter), number)
+
+    def counting(self, numbers: Sequence[FloatArray] | None) -> Recorded:
+        """Return them with (G,) other independent numbers of the groups of every experiment; None changes nothing."""
+        if numbers is None:
+            return self
+        pairs = zip(self.observations, numbers, strict=True)
+        return replace(self, observations=tuple(replace(one, effective=own) for one, own in pairs))
 
     @property
     def background(self) -> list[FloatArray]:
@@ -126,7 +133,12 @@ class Recorded:
                 own_variances, self.scatter, free, self.nominal_degrees, strict=True
             )
         ]
-        ratios = kinds.ratios(own_variances, shapes, free)
+        units = [np.maximum(shape, 1e-24) for shape in shapes]
+        ratios = kinds.ratios(
+            [own / unit for own, unit in zip(own_variances, units, strict=True)],
+            [shape / unit for shape, unit in zip(shapes, units, strict=True)],
+            free,
+        )
         found = []
         for one, machine, scatter, real, shape, ratio, common, own in zip(
             self.observations, self.machine, self.scatter, self.runs, shapes, ratios, self.common, rows,
@@ -136,7 +148,8 @@ class Recorded:
             correction = own.mean(axis=0) - nominal
             correction[one.kept] -= common * (begin.mean(axis=0) - nominal)[one.kept] + one.moved(theta)
             variance, seeds = ratio * shape, 1.0 / len(begin) - 1.0 / len(one.response.runs)
-            noise = machine + (variance - scatter) / real + variance * (1.0 / len(own) - common**2 * seeds)
+            noise = machine + np.maximum(variance - scatter, 0.0) / real + variance / len(own)
+            noise += common**2 * (scatter - 2.0 * np.sqrt(variance * scatter)) * seeds
             found.append(replace(one.corrected(correction, theta), noise=noise))
         return found
 
@@ -156,9 +169,11 @@ class Recorded:
         shares = []
         for one, scatter in zip(self.observations, self.scatter, strict=True):
             spread = one.response.spread[:, one.kept]
-            acting = spread[spread.any(axis=1)]
-            share = np.clip(1.0 - acting / np.maximum(2.0 * scatter, 1e-24), 0.0, 1.0)
-            shares.append(np.median(share, axis=0) if len(acting) else np.ones_like(scatter))
+            acting, share = spread[spread.any(axis=1)], np.ones_like(scatter)
+            for _, places in one.parts if len(acting) else ():
+                part = acting[:, places].mean(axis=1) / max(2.0 * float(scatter[places].mean()), 1e-24)
+                share[places] = np.median(np.clip(1.0 - part, 0.0, 1.0))
+            shares.append(share)
         return self.kinds.means(shares)
 
 

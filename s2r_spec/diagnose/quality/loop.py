@@ -56,10 +56,9 @@ class Loop(Shown):
         """Whether files can state the loop, so that a simulator has it; not where a mistake begins later."""
         return all(one.keys for one in self.mistakes)
 
-    @property
-    def without_sizes(self) -> Loop:
-        """The loop with words on a simulator that fails with it."""
-        words = "With it the simulator fails at a recorded test, too, so no effect is estimated beside it."
+    def failing(self, where: str) -> Loop:
+        """Return the loop with words on the simulator that fails with it somewhere."""
+        words = f"With it the simulator fails in {where}, so no effect is estimated beside it."
         return replace(self, words=f"{self.words} {words}")
 
     @property

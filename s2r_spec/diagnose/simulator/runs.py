@@ -151,7 +151,15 @@ class Runs:
 
 
 class NominalError(BackendError):
-    """A nominal run of the simulator fails, so it has no responses."""
+    """A nominal run of the simulator fails, so it has no responses.
+
+    Attributes:
+        where: the experiment and the failure, in words.
+    """
+
+    def __init__(self, message: str, where: str = "") -> None:
+        super().__init__(message)
+        self.where = where
 
 
 def kept(cache: Cache, places: Mapping[Experiment, str]) -> dict[Experiment, Runs]:
@@ -306,7 +314,8 @@ def pilot(backend: Backend, experiment: Experiment, score: Score | None = None) 
         if trace.failure:
             raise NominalError(
                 f"the simulator {backend.name!r} fails in {experiment}: {trace.failure}; a diagnosis needs a nominal "
-                "simulator that passes it"
+                "simulator that passes it",
+                f"{experiment}: {trace.failure}",
             )
         traces.append(experiment.with_residuals(trace, backend))
     runs = Runs(Observables.of_nominal(traces))

@@ -5,7 +5,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from s2r_spec.diagnose.inference.independence import squared_cosine
+from s2r_spec.diagnose.inference.independence import squares
 
 RUNS, NUMBERS = 8, 60
 
@@ -14,9 +14,9 @@ def number(rows):
     """Return the independent numbers of (R, n) runs, of many experiments."""
     pairs = list(combinations(range(RUNS), 2))
     disjoint = np.array([[not {*a} & {*b} for b in pairs] for a in pairs])
-    return 1.0 / np.mean(
-        [squared_cosine(np.array([own[i] - own[j] for i, j in pairs]), disjoint) for own in rows]
-    )
+    each = [squares(np.array([own[i] - own[j] for i, j in pairs]), disjoint) for own in rows]
+    lengths, products = np.sum(each, axis=0)
+    return lengths / products
 
 
 @pytest.mark.parametrize("alike", [1, 3, 20])
@@ -32,5 +32,8 @@ def test_a_mean_that_all_runs_share_changes_nothing():
     assert number(rows) == pytest.approx(NUMBERS, rel=0.15)
 
 
-def test_runs_without_scatter_say_nothing():
-    assert squared_cosine(np.zeros((3, 4)), np.ones((3, 3), dtype=bool)) is None
+def test_few_large_errors_among_many_small_ones_are_few():
+    rng = np.random.default_rng(2)
+    deviation = np.where(np.arange(NUMBERS) < 3, 10.0, 1.0)
+    rows = [deviation * rng.normal(size=(RUNS, NUMBERS)) for _ in range(40)]
+    assert number(rows) == pytest.approx((deviation**2).sum() ** 2 / (deviation**4).sum(), rel=0.15)

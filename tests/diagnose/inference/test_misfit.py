@@ -17,11 +17,12 @@ def test_a_set_that_leaves_a_quarter_of_the_logarithm_is_the_last_one_that_count
     data = nominal(tests=4)
     chance = np.tile([by_chance(4.0 * size) for size in data[0].effective], 4)
     for left, rejected in ((0.0, False), (0.24, False), (0.26, True), (1.0, True)):
-        found = Misfit.of(data, np.exp(1.0 + chance), np.exp(left + chance))
+        before = 1.0 + chance
+        found = Misfit.of(data, np.exp(before), np.exp(left * before))
         assert found.shown == pytest.approx(1.0)
         assert found.left == pytest.approx(left)
         assert found.rejected is rejected
-    small = Misfit.of(data, squares(data, 1.2), squares(data, 1.2))
+    small = Misfit.of(data, squares(data, 1.05), squares(data, 1.05))
     assert small.left == pytest.approx(1.0)
     assert not small.rejected
 
