@@ -174,6 +174,12 @@ def counts(cases: Sequence[Judged], axes: Axes) -> dict[str, Any]:
         for name, (size, _, low, high) in one.scored(axes).estimates.items()
         if name.partition(".")[0] in one.label["effects"] and abs(size) >= MUST
     ]
+    named = [
+        low - 1e-9 <= size <= high + 1e-9
+        for one in (*kinds["physics"], *kinds["pair"])
+        for name, (size, _, low, high) in one.scored(axes).estimates.items()
+        if name.partition(".")[0] in one.named & {*one.label["effects"]} and abs(size) >= MUST
+    ]
     effects = [one.scored(axes) for one in cases if one.kind != "unknown"]
     return {
         "right": each("right"),
@@ -193,6 +199,7 @@ def counts(cases: Sequence[Judged], axes: Axes) -> dict[str, Any]:
         "a visible effect ruled out": each("ruled_out"),
         "exit 0, and wrong": each("surely_wrong"),
         "true sizes of the effects in the 90 % interval": share(sizes),
+        "true sizes of the named effects in the 90 % interval": share(named),
         "all sizes in the 90 % interval": scores(effects)["in the 90 % interval"],
         "with obs, action and target": {
             "mistakes, by the check": share([is_checked(x.answer["checked"], x.mistake) for x in loops]),

@@ -197,6 +197,14 @@ def test_the_page_has_the_counts_of_the_benchmark():
         ("target", "the state and the targets"), ("tau", "the state and the torques"),
     ):  # fmt: skip
         assert [cell.strip() for cell in rows[words]] == [*kept[key].values()]
+    sixty = json.loads((root / "benchmarks" / "results" / "go1_sixty.json").read_text())
+    for kind, words in (
+        ("interface", "a mistake alone"), ("physics", "an effect alone"), ("pair", "a mistake and an effect"),
+        ("unknown", "a cause outside the catalogue"), ("nothing", "nothing"),
+    ):  # fmt: skip
+        assert [cell.strip() for cell in rows[words]] == [sixty["right"][kind], sixty["a false name"][kind]]
+    named = sixty["true sizes of the named effects in the 90 % interval"]
+    assert f"{named} sizes" in page
 
 
 @pytest.mark.parametrize(
