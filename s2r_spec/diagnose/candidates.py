@@ -42,6 +42,8 @@ GAIN = 0.5
 GRID = 17
 """Budget: sizes at which a proposal compares the library with the tests, beside those of the library."""
 
+WHOLE = 2.0
+"""Budget: largest common size of all parameters of an effect that a proposal tries, in typical sizes."""
 NEAR = 0.05
 """Tolerance: a rival runs again where its estimate is farther from its runs, in typical sizes."""
 SECONDS, MOST = 30.0, 8
@@ -114,9 +116,11 @@ class _Search:
         self.found: dict[Set, Candidate] = {}
         self.before = np.zeros(0)
         self.near: dict[Set, list[Observation]] = {}
-        self.grids = {k: _grid(data, prior, k) for k in prior.causes.tolist()}
+        alone = {(k,): _grid(data, prior, k) for k in prior.causes.tolist()}
+        self.grids: dict[Set, FloatArray] = alone | _whole_effects(prior)
         self.tables = {
-            k: [_table(one, k, sizes) for one in data.observations] for k, sizes in self.grids.items()
+            own: [np.sum([_table(one, k, sizes) for k in own], axis=0) for one in data.observations]
+            for own, sizes in self.grids.items()
         }
 
     def run(self, proposed: Sequence[tuple[Set, FloatArray]]) -> None:
@@ -124,17 +128,17 @@ class _Search:
         nominal = np.zeros(self.prior.low.size)
         self.try_set((), nominal)
         self.before = energies(self.near[()], self.background, nominal)
-        for k, theta in self.screened(())[:ALONE]:
-            self.try_set((k,), theta)
+        for own, theta in self.screened(())[:ALONE]:
+            self.try_set(own, theta)
         for members, theta in proposed:
             self.try_set(members, theta)
         for size in range(1, LARGEST_SET):
-            best = [members for members in self.ranked() if len(members) == size][:2]
+            best = [members for members in self.ranked() if len(self.prior.effects(members)) == size][:2]
             for members in best:
                 self.try_set(members, self.found[members].theta, again=True)
-                for k, theta in self.screened(members)[:BESIDE]:
-                    self.try_set(tuple(sorted((*members, k))), theta)
-            if len(self.ranked()[0]) <= size:
+                for own, theta in self.screened(members)[:BESIDE]:
+                    self.try_set(tuple(sorted({*members, *own})), theta)
+            if len(self.prior.effects(self.ranked()[0])) <= size:
                 break
         self.try_set((), self.found[()].theta, again=True)
         self.polish()
@@ -143,10 +147,10 @@ class _Search:
     def close(self) -> None:
         """Compare the best set and the ones without each of its causes at runs near the same sizes; then its rivals."""
         final = self.ranked()[0]
-        for k in final:
+        for own in self.prior.effects(final).values():
             theta = self.found[final].theta.copy()
-            theta[k] = np.clip(theta[k], -UNNAMED, UNNAMED)
-            self.try_set(tuple(x for x in final if x != k), theta, again=True)
+            theta[list(own)] = np.clip(theta[list(own)], -UNNAMED, UNNAMED)
+            self.try_set(tuple(x for x in final if x not in own), theta, again=True)
         for members in self.best_and_rivals():
             if members in self.near and self.shown(members):
                 self.compare(members)
@@ -170,20 +174,23 @@ class _Search:
         self.close()
 
     def best_and_rivals(self) -> list[Set]:
-        """Return the best set, and for each of its large causes the best set without this cause."""
+        """Return the best set, and for each of its large effects the best set without this effect."""
         ranked = self.ranked()
         final = self.found[ranked[0]]
-        large = [k for k in final.members if abs(final.theta[k]) >= NAMED]
-        without = [next(one for one in ranked if k not in self.shown(one)) for k in large]
+        large = self.prior.effects(k for k in final.members if abs(final.theta[k]) >= NAMED)
+        without = [
+            next(one for one in ranked if effect not in self.prior.effects(self.shown(one)))
+            for effect in large
+        ]
         return list(dict.fromkeys([ranked[0], *without]))
 
     def longer(self) -> list[Set]:
-        """Return the best sets with one cause more than the best one, which few runs may hide."""
+        """Return the best sets with one effect more than the best one, which few runs may hide."""
         ranked = self.ranked()
-        best, more = {*self.shown(ranked[0])}, dict[Set, Set]()
+        best, more = {*self.prior.effects(self.shown(ranked[0]))}, dict[frozenset[int], Set]()
         for members in ranked:
-            shown = self.shown(members)
-            if best < {*shown} and len(shown) == len(best) + 1:
+            shown = frozenset(self.prior.effects(self.shown(members)))
+            if best < shown and len(shown) == len(best) + 1:
                 more.setdefault(shown, members)
         return [*more.values()][:BESIDE]
 
@@ -230,27 +237,28 @@ class _Search:
         if members not in self.found or new.score.sum() > self.found[members].score.sum():
             self.found[members], self.near[members] = new, near
 
-    def screened(self, members: Set) -> list[tuple[int, FloatArray]]:
-        """Return a further parameter and (K,) sizes with it, the nearest to the tests first."""
+    def screened(self, members: Set) -> list[tuple[Set, FloatArray]]:
+        """Return further parameters and (K,) sizes with them, the nearest to the tests first."""
         base = self.found[members].theta
         above = self.data.observations[0].dependence.base
         keep = np.isin(np.where(above >= 0, above, np.arange(base.size)), members)
         theta, near = np.where(keep, base, 0.0), self.near[members]
         residuals = [one.residual(theta) for one in near]
         starts = []
-        for k, points in self.grids.items():
-            if k in members or not points.size:
+        for own, points in self.grids.items():
+            if {*own} & {*members} or not points.size:
                 continue
-            loss = 0.5 * points[:, k] ** 2 / SLAB**2 + self._loss(near, residuals, k)
+            loss = 0.5 * (points[:, own] ** 2).sum(axis=1) / SLAB**2 + self._loss(near, residuals, own)
+            loss -= self.prior.log_odds(own)
             row = int(np.argmin(loss))
-            starts.append((float(loss[row]), k, np.where(points[row] == 0.0, theta, points[row])))
-        return [(k, own) for _, k, own in sorted(starts, key=lambda start: start[:2])]
+            starts.append((float(loss[row]), own, np.where(points[row] == 0.0, theta, points[row])))
+        return [(own, sizes) for _, own, sizes in sorted(starts, key=lambda start: start[:2])]
 
-    def _loss(self, near: Sequence[Observation], residuals: Sequence[FloatArray], k: int) -> FloatArray:
-        """Return (sizes,) Σ ½ (ν + N) log(ν + N |r|²/n) over groups of all tests, with a parameter at every size."""
+    def _loss(self, near: Sequence[Observation], residuals: Sequence[FloatArray], members: Set) -> FloatArray:
+        """Return (sizes,) Σ ½ (ν + N) log(ν + N |r|²/n) over groups of all tests, with parameters at every size."""
         total: dict[tuple[str, str], FloatArray] = {}
         number: dict[tuple[str, str], float] = {}
-        for one, residual, table in zip(near, residuals, self.tables[k], strict=True):
+        for one, residual, table in zip(near, residuals, self.tables[members], strict=True):
             squares = np.minimum((residual - table) ** 2 / one.noise, LARGEST**2)
             for (name, places), size in zip(one.parts, one.effective.tolist(), strict=True):
                 total[name] = total.get(name, 0.0) + size * squares[:, places].mean(axis=1)
@@ -279,6 +287,21 @@ def _grid(data: Recorded, prior: SizePrior, k: int) -> FloatArray:
         rows[:, d] = x
         rows[:, k] = sizes
     return points.reshape(-1, prior.low.size)
+
+
+def _whole_effects(prior: SizePrior) -> dict[Set, FloatArray]:
+    """Return all parameters of each effect that has several, and (points, K) common sizes of them."""
+    found: dict[Set, FloatArray] = {}
+    for effect in np.unique(prior.effect).tolist():
+        members = prior.causes[prior.effect[prior.causes] == effect]
+        if members.size > 1:
+            low, high = float(prior.low[members].max()), float(prior.high[members].min())
+            sizes = np.linspace(max(low, -WHOLE), min(high, WHOLE), GRID)
+            sizes = sizes[np.abs(sizes) >= UNNAMED]
+            points = np.zeros((sizes.size, prior.low.size))
+            points[:, members] = sizes[:, None]
+            found[tuple(members.tolist())] = points
+    return found
 
 
 def _table(one: Observation, k: int, points: FloatArray) -> FloatArray:

@@ -109,11 +109,10 @@ def _loop(logs: Mapping[tuple[LoopMistake, ...], FloatArray]) -> Loop:
 
 def _scores(candidates: Mapping[Set, Candidate], prior: SizePrior) -> FloatArray:
     """Return (draws,) log Σ_A P(A) exp Σ_t w_t ℓ_t(A) for bootstrap weights of the tests, the same for every loop."""
-    odds = np.log(np.maximum(prior.probability, 1e-300)) - np.log1p(-prior.probability)
     each = np.array([one.score for one in candidates.values()])
     tests = each.shape[1]
     weights = tests * np.random.default_rng(np.random.SeedSequence(0)).dirichlet(np.ones(tests), DRAWS)
-    logs = weights @ each.T + [odds[list(members)].sum() for members in candidates]
+    logs = weights @ each.T + [prior.log_odds(members) for members in candidates]
     return np.asarray(np.logaddexp.reduce(logs, axis=1))
 
 

@@ -342,12 +342,11 @@ def weighted(candidates: Mapping[Set, Candidate], prior: SizePrior) -> ModelPost
     each = np.array(
         [best.score + part_left(best, one) * (one.score - best.score) for one in candidates.values()]
     )
-    odds = np.log(np.maximum(prior.probability, 1e-300)) - np.log1p(-prior.probability)
     each = each[:, np.argsort(each.sum(axis=0), kind="stable")]  # so that the order of tests changes no draw
     rng = np.random.default_rng(np.random.SeedSequence(0))
     tests = each.shape[1]
     weights = tests * rng.dirichlet(np.ones(tests), DRAWS)
-    logs = weights @ each.T + [odds[list(members)].sum() for members in sets]
+    logs = weights @ each.T + [prior.log_odds(members) for members in sets]
     chance = np.exp(logs - logs.max(axis=1, keepdims=True))
     probability = (chance / chance.sum(axis=1, keepdims=True)).mean(axis=0)
     order = [n for n in np.argsort(-probability, kind="stable") if probability[n] >= KEPT * probability.max()]

@@ -8,6 +8,7 @@ place of a payload, has no spike: it is N(0, σ_slab²), for it is no cause by i
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,6 +66,24 @@ class SizePrior:
     def causes(self) -> NDArray[np.int64]:
         """Numbers of the parameters that can be a cause."""
         return np.flatnonzero(self.probability > 0.0)
+
+    def effects(self, members: Iterable[int]) -> dict[int, tuple[int, ...]]:
+        """Return effect → its parameters of a set."""
+        found: dict[int, tuple[int, ...]] = {}
+        for k in members:
+            found[int(self.effect[k])] = (*found.get(int(self.effect[k]), ()), k)
+        return found
+
+    def log_odds(self, members: tuple[int, ...]) -> float:
+        """Return log P(A)/P(∅) of a set, in which all choices of an effect's parameters are equally probable.
+
+        What makes one joint rub mostly makes all joints rub.
+        """
+        found = 0.0
+        for effect in self.effects(members):
+            choices = 2.0 ** int((self.probability[self.effect == effect] > 0.0).sum()) - 1.0
+            found += np.log(ACTIVE / (1.0 - ACTIVE) / choices)
+        return float(found)
 
     def deviation(self, active: tuple[int, ...] = ()) -> FloatArray:
         """Return (K,) the standard deviation of every size, where these parameters are the causes."""
