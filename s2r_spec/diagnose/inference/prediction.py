@@ -29,10 +29,11 @@ set along D. With errors of its laws z has the variance J_D + Q_D, so with q = Q
 
 θ_j are those of the worse set's causes: its laws may be wrong, and no error of a law makes an effect of none. J_g is
 that of the better set, and D has what is a cause in one of them. The tail of ρ is long: no difference of scores proves
-more than that the law of no effect is far off. The probability of a set is its mean weight ∝ P(A) exp Σ_t w_t ℓ'_t(A)
-over Bayesian bootstrap weights w of the tests, where ℓ' differ from the best set's ℓ by the part S'/S. So a set that
-one test alone prefers, or that tests disagree about, is not sure. One test of another motion, such as one with a gust,
-can still hide an effect: it makes s_g large in all others.
+more than that the law of no effect is far off. P(A) has π for each effect of A, and all choices of its parameters are
+equally probable: what makes one joint rub mostly makes all joints rub. The probability of a set is its mean weight ∝
+P(A) exp Σ_t w_t ℓ'_t(A) over Bayesian bootstrap weights w of the tests, where ℓ' differ from the best set's ℓ by the
+part S'/S. So a set that one test alone prefers, or that tests disagree about, is not sure. One test of another motion,
+such as one with a gust, can still hide an effect: it makes s_g large in all others.
 
 Within a set, θ has the covariance of the fit and three errors that more tests do not lower:
 
