@@ -2,8 +2,8 @@
 
 Where five or more tests of the specification were run, the posterior over sets comes from predictions of left-out tests
 (:mod:`.inference.prediction`). A set is proposed from the library: every parameter alone over its whole range, all of
-an effect at a common size, then further ones beside the sets that predict best. It counts only at its own estimate, where the simulator has run. There a
-sum of responses has no error, and the scatter is that of these runs.
+an effect at a common size, then further ones beside the sets that predict best. It counts only at its own estimate,
+where the simulator has run. There a sum of responses has no error, and the scatter is that of these runs.
 
 Units: sizes in typical sizes. Shapes: K parameters; of each test m observables, of which n are used.
 """

@@ -3,8 +3,8 @@
     θ_k ~ (1 − π_k) N(0, σ_bg²) + π_k N(0, σ_slab²),   half-normal where the range has one side
 
 Units: typical sizes. An effect with several parameters shares its π among them; where predictions decide, it is that of
-the effect (:meth:`SizePrior.log_odds`). A *dependent* parameter, such as the
-place of a payload, has no spike: it is N(0, σ_slab²), for it is no cause by itself.
+the effect (:meth:`SizePrior.log_odds`). A *dependent* parameter, such as the place of a payload, has no spike: it is
+N(0, σ_slab²), for it is no cause by itself.
 """
 
 from __future__ import annotations
