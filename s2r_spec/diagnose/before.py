@@ -41,7 +41,7 @@ from s2r_spec.diagnose.inference.estimates import COVER
 from s2r_spec.diagnose.inference.hierarchical import shared_error
 from s2r_spec.diagnose.inference.observation import Observation
 from s2r_spec.diagnose.inference.prior import SLAB
-from s2r_spec.diagnose.run import HERE, one_thread
+from s2r_spec.diagnose.run import HERE
 from s2r_spec.diagnose.simulator.axes import EffectAxis
 from s2r_spec.diagnose.simulator.bench import Bench
 from s2r_spec.diagnose.simulator.cache import Cache
@@ -51,6 +51,7 @@ from s2r_spec.diagnose.simulator.score import Score
 from s2r_spec.diagnose.watched import Progress, Watched
 from s2r_spec.spec import Spec
 from s2r_spec.workers.pools import ExecutorFactory, keep_open
+from s2r_spec.workers.threads import one_thread
 
 RUNS = 2
 """Definition: runs of every experiment of a plan, as in the screen of a campaign."""

@@ -11,11 +11,9 @@ The pipeline, in this order:
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
 
 from s2r_spec.backend import Backend, HasLoop, HasRecordings, load_backend
@@ -73,6 +71,7 @@ from s2r_spec.space import key_of
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 from s2r_spec.workers.pools import ExecutorFactory, keep_open
+from s2r_spec.workers.threads import one_thread
 
 ASSUMPTIONS = (
     "the real rollouts were run at the recorded tests, and only those named in a note were left out",
@@ -83,23 +82,6 @@ ASSUMPTIONS = (
 HERE = 2e-3
 """Budget: declared time of a rollout [s] up to which all run in this process: the thousands of a diagnosis then take a
 few seconds, and a worker takes one to start."""
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """Keep linear algebra to one thread; without threadpoolctl, do nothing.
-
-    The number of threads changes the last bits of a sum, and then the answer depends on the number of cores. Arrays are
-    small here, so threads wait for each other for longer than they work.
-    """
-    if find_spec("threadpoolctl") is None:
-        yield
-        return
-    import scipy.linalg  # noqa: F401  # only libraries that are loaded by then are limited
-    from threadpoolctl import threadpool_limits
-
-    with threadpool_limits(1):
-        yield
 
 
 @one_thread()
