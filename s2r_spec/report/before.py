@@ -16,7 +16,7 @@ def text(found: BeforeData) -> str:
     ]
     heads = {
         Identified.ALONE: "by this alone",
-        Identified.TOGETHER: "not told from",
+        Identified.TOGETHER: "not separated from",
         Identified.UNSEEN: "a further run that shows it",
     }
     for status, last in heads.items():
