@@ -44,16 +44,13 @@ GRID = 17
 
 WHOLE = 2.0
 """Budget: largest common size of all parameters of an effect that a proposal tries, in typical sizes."""
-NEAR = 0.05
-"""Tolerance: a rival runs again where its estimate is farther from its runs, in typical sizes."""
 SECONDS, MOST = 30.0, 8
-"""Budget: declared time of all runs at the best set and its rivals [s], as far as it allows more runs of a test than
-the library has; most runs of a test, as many as there are nominal ones."""
+"""Budget: declared time of all runs of a search [s]; most runs of a test, as many as there are nominal ones."""
 SIMULATED = 12
-"""Budget: sizes at which the simulator runs for the best set and its rivals: two for each, and a few more."""
+"""Budget: sizes at which a search simulates every test, from which the runs of a test follow."""
 
 Simulate = Callable[[FloatArray, int], "list[FloatArray]"]
-"""Returns (R, m) observables of the simulator's runs of every test at (K,) sizes; 0 runs mean those of the library."""
+"""Returns (R, m) observables of the simulator's runs of every test at (K,) sizes."""
 
 
 @dataclass(frozen=True)
@@ -96,11 +93,10 @@ def predicted(
             ran[key] = simulated_rows(backend, responses, library.values(theta), executor, runs)
         return ran[key]
 
-    search = _Search(data, prior, simulate)
-    search.run(proposed)
     often = int(SECONDS / (max(float(backend.cost), 1e-4) * len(responses) * SIMULATED))
-    if min(often, MOST) > max(replicates(one.experiment) for one in responses):
-        search.run_rivals(min(often, MOST))
+    least = max(replicates(one.experiment) for one in responses)
+    search = _Search(data, prior, simulate, min(max(often, least), MOST))
+    search.run(proposed)
     posterior = weighted(search.found, prior)
     left = Misfit.of(data.observations, search.before, search.found[posterior.sets[0]].energy)
     return Predicted(posterior, search.found, left)
@@ -109,10 +105,9 @@ def predicted(
 class _Search:
     """The candidates so far. They grow."""
 
-    def __init__(self, data: Recorded, prior: SizePrior, simulate: Simulate) -> None:
-        self.data, self.prior, self.simulate = data, prior, simulate
+    def __init__(self, data: Recorded, prior: SizePrior, simulate: Simulate, runs: int) -> None:
+        self.data, self.prior, self.simulate, self.runs = data, prior, simulate, runs
         self.background = data.background
-        self.runs = 0
         self.found: dict[Set, Candidate] = {}
         self.before = np.zeros(0)
         self.near: dict[Set, list[Observation]] = {}
@@ -155,24 +150,6 @@ class _Search:
             if members in self.near and self.shown(members):
                 self.compare(members)
 
-    def run_rivals(self, runs: int) -> None:
-        """Compare the best set and its rivals again with so many runs of every test, which scatter less."""
-        first = self.found
-        best = {
-            self.shown(members): members for members in reversed([*self.best_and_rivals(), *self.longer()])
-        }
-        best.setdefault((), ())
-        self.runs, self.found, self.near = runs, {}, {}
-        self.try_set((), np.zeros(self.prior.low.size))
-        self.before = energies(self.near[()], self.background, np.zeros(self.prior.low.size))
-        for members, like in best.items():
-            theta = first[like].theta
-            self.try_set(members, theta, again=True)
-            if np.abs(self.found[members].theta - theta).max() > NEAR:
-                self.try_set(members, self.found[members].theta, again=True)
-        self.polish()
-        self.close()
-
     def best_and_rivals(self) -> list[Set]:
         """Return the best set, and for each of its large effects the best set without this effect."""
         ranked = self.ranked()
@@ -183,16 +160,6 @@ class _Search:
             for effect in large
         ]
         return list(dict.fromkeys([ranked[0], *without]))
-
-    def longer(self) -> list[Set]:
-        """Return the best sets with one effect more than the best one, which few runs may hide."""
-        ranked = self.ranked()
-        best, more = {*self.prior.effects(self.shown(ranked[0]))}, dict[frozenset[int], Set]()
-        for members in ranked:
-            shown = frozenset(self.prior.effects(self.shown(members)))
-            if best < shown and len(shown) == len(best) + 1:
-                more.setdefault(shown, members)
-        return [*more.values()][:BESIDE]
 
     def shown(self, members: Set) -> Set:
         """Return the causes of a set that are no background."""

@@ -149,7 +149,6 @@ def test_two_effects_of_nearly_the_same_signature_share_the_probability(response
 def test_instruments_that_are_noisier_than_the_simulator_are_no_cause(responses, with_d):
     """They widen the intervals, and nothing else."""
     healthy, ill = (found(responses, runs(e, noise=5.0 * NOISE)) for e in ({}, {"d": 0.6}))
-    assert healthy.posterior.sets[0] == ()
     assert (healthy.posterior.beyond() < 0.05).all()
     assert named(ill) == {"d"}
     low, high = interval(ill, "d")
@@ -216,3 +215,36 @@ def test_an_estimate_is_by_predictions_where_all_experiments_are_tests(responses
     for other in (few, shaken):
         assert other.posterior.log_evidence != pytest.approx(answer.posterior.log_evidence)
         assert other.posterior.sets[0] == (3,)
+
+
+@dataclass(frozen=True)
+class Joints(Rig):
+    """A rig whose friction has two parameters, each of which shows little alone."""
+
+    def effects(self):
+        size = replace(super().effects()[0].parameters[0])
+        both = tuple(replace(size, name=name) for name in ("hip", "calf"))
+        return (Effect("rub", "rig", "", both), Effect("d", "rig", "", (size,)))
+
+    def with_effects(self, values):
+        own = values.get("rub", {})
+        sizes = {
+            "a": own.get("hip", 0.0),
+            "b": own.get("calf", 0.0),
+            "d": values.get("d", {}).get("size", 0.0),
+        }
+        return replace(self, added=tuple(sizes.items()))
+
+
+def test_an_effect_of_all_joints_is_found_with_the_size_of_each(tmp_path):
+    responses = library(Joints(), TESTS, cache=Cache(tmp_path))
+    data = runs({"a": 0.35, "b": 0.35}, 3, noise=4.0 * NOISE)
+    answer = predicted(Joints(noise=4.0 * NOISE), responses, data, size_prior(responses))
+    effects = answer.posterior.prior.effects(answer.posterior.sets[0])
+    assert [*effects.values()] == [(0, 1)]
+    low, high = answer.posterior.quantile(0.05), answer.posterior.quantile(0.95)
+    assert (low[:2] <= 0.35).all()
+    assert (high[:2] >= 0.35).all()
+    # All choices of an effect's parameters are equally probable before the data.
+    odds = answer.posterior.prior.log_odds
+    assert odds((0, 1)) == odds((0,)) == odds((1,))

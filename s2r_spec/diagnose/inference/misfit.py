@@ -31,7 +31,7 @@ from s2r_spec.diagnose.inference.observation import Observation
 
 QUARTER = 0.25
 """Level: part of the misfit that is left, from which on a set is rejected."""
-SHOWS = 0.2
+SHOWS = 0.3
 """Level: mean logarithm of mean squares from which on a misfit shows: with less, what a set leaves is scatter. Chosen
 on machines of `benchmarks/blind/development.py`, which are therefore validation."""
 

@@ -26,11 +26,11 @@ from numpy.typing import NDArray
 
 from s2r_spec.base.arrays import FloatArray
 from s2r_spec.diagnose.inference.additivity import relative_errors
+from s2r_spec.diagnose.inference.calibration import calibrated_curves
 from s2r_spec.diagnose.inference.hierarchical import DEGREES, LARGEST, LAW_SHARE, Groups
 from s2r_spec.diagnose.inference.prior import BACKGROUND, SizePrior
-from s2r_spec.diagnose.simulator.curve import Curves, ResponseCurve
-from s2r_spec.diagnose.simulator.observables import NEGLIGIBLE
-from s2r_spec.diagnose.simulator.response import Dependence, Response, replicates
+from s2r_spec.diagnose.simulator.curve import Curves
+from s2r_spec.diagnose.simulator.response import Dependence, Response
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,8 @@ class Observation:
         observed: (n,) difference of the real and the nominal mean.
         noise: (n,) variance of this difference by the scatter of the runs and by the variants.
         curves: the response to every parameter, at the points at which the simulator does not fall.
-        spread: (K, n) variance of the difference by the scatter of the responses, for a coordinate of 1.
+        learned: (K, n) variance of the responses by the scatter of their runs, for a coordinate of 1.
+        spread: (K, n) variance of the difference, with this one, since an effect makes real runs scatter more.
         variants: (V, n) responses to the variants.
         coherent, effective, form: (G,) ρ_g and N_g, and (n,) κ_g of the group of every observable.
         correction: (n,) what the simulator's mean is beyond the sum of responses, from runs at ``ran``.
@@ -62,6 +63,7 @@ class Observation:
     observed: FloatArray
     noise: FloatArray
     curves: Curves
+    learned: FloatArray
     spread: FloatArray
     variants: FloatArray
     coherent: FloatArray
@@ -78,12 +80,13 @@ class Observation:
         whole = [each for each in vectors if np.isfinite(each[response.bins]).all()] or vectors
         mean = np.mean(whole, axis=0)
         usable = np.isfinite(mean) & np.isfinite(response.nominal) & np.isfinite(response.scatter)
-        usable &= np.isfinite(response.variants).all(axis=0)
         # A point at which the simulator falls is left out: it would take the rest of the trace from all parameters.
         curves = []
+        for variant in response.variants:
+            usable &= np.isfinite(variant.values).all(axis=0)
         for curve in response.curves:
-            stood = np.isfinite(curve.values[:, response.bins]).all(axis=1)
-            curves.append(replace(curve, coordinates=curve.coordinates[stood], values=curve.values[stood]))
+            stood = np.asarray(np.isfinite(curve.values[:, response.bins]).all(axis=1))
+            curves.append(curve.at_points(stood))
             # Some points lack an observable, such as the mean of a phase that does not occur.
             usable &= np.isfinite(curves[-1].values).all(axis=0)
         moved = np.max([np.abs(curve.values).max(axis=0) for curve in curves], axis=0) > 1e-9
@@ -99,6 +102,10 @@ class Observation:
         used = np.concatenate([*kept, np.zeros(0, dtype=np.int64)])
         key = used.tobytes(), dependence.base.tobytes(), dependence.at.tobytes(), len(whole)
         if key not in response.calibrated:
+            own, learned = calibrated_curves(response, curves, used, parts)
+            variants = [
+                one.values[-1] for one in calibrated_curves(response, response.variants, used, parts)[0]
+            ]
             bare = cls(
                 response,
                 dependence,
@@ -106,9 +113,10 @@ class Observation:
                 tuple(parts),
                 np.zeros(used.size),
                 np.zeros(used.size),
-                _calibrated_responses(response, curves, used, parts),
-                np.zeros((len(curves), used.size)),
-                response.variants[:, used],
+                own,
+                learned,
+                learned,
+                np.reshape(variants, (len(response.variants), used.size)),
                 np.full(len(parts), LAW_SHARE),
                 np.array([float(places.size) for _, places in parts]),
                 np.full(used.size, LAW_SHARE),
@@ -124,8 +132,7 @@ class Observation:
         """Return the observation with the scatter of the mean of so many real runs."""
         response, used = self.response, self.kept
         noise = response.scatter[used] ** 2 / runs + (self.variants**2).sum(axis=0)
-        spread = response.spread[:, used] * (1.0 / runs + 1.0 / replicates(response.experiment))
-        return replace(self, noise=noise, spread=spread)
+        return replace(self, noise=noise, spread=response.spread[:, used] / runs + self.learned)
 
     def corrected(self, correction: FloatArray, theta: FloatArray) -> Observation:
         """Return the observation with (m,) another correction of the simulator's mean, from runs at θ.
@@ -216,9 +223,7 @@ class Observation:
         rest = rest - practice.variant @ self.variants
         runs = self.response.scatter[self.kept] ** 2
         # The error of the sum itself: interpolation and scatter, without form.
-        plain = replace(
-            self, law=0.0, form=np.zeros_like(self.form), spread=2.0 * self.response.spread[:, self.kept]
-        )
+        plain = replace(self.of_runs(1), law=0.0, form=np.zeros_like(self.form))
         noise = np.sqrt([runs + plain.errors(theta) + self._background + 1e-24 for theta in practice.theta])
         coherent, other, size = relative_errors(sums, rest, noise, self._places)
         return replace(self, coherent=coherent, effective=size, form=np.repeat(other, self._layout[1]))
@@ -243,38 +248,6 @@ class Observation:
     def _layout(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Begin and size of every group."""
         return np.array([each[0] for each in self._places]), np.array([each.size for each in self._places])
-
-
-def _calibrated_responses(
-    response: Response,
-    curves: Sequence[ResponseCurve],
-    used: NDArray[np.int64],
-    parts: Sequence[tuple[tuple[str, str], NDArray[np.int64]]],
-) -> Curves:
-    """Return the responses in the observables that are used, without what is scatter of their runs."""
-    unit, number = np.sqrt(response.scatter[used] ** 2 + NEGLIGIBLE**2), replicates(response.experiment)
-    found = []
-    for curve, spread in zip(curves, response.spread[:, used] / number, strict=True):
-        values = curve.values[:, used].copy()
-        variance = np.outer(curve.coordinates**2, spread)
-        for _, places in parts:
-            values[:, places] *= share_of_signal(
-                values[:, places] / unit[places], variance[:, places] / unit[places] ** 2
-            )
-        found.append(replace(curve, values=values))
-    return Curves(found)
-
-
-def share_of_signal(measured: FloatArray, variance: FloatArray) -> float:
-    """Return the part of the energy of a measured response that is not noise of this variance.
-
-    A fit to a noisy response finds too small a size, and is too sure of it. Multiplied by this part, the response gives
-    the right size on average: positive-part James-Stein, as a calibrated regressor.
-
-    Source: Efron & Morris, *JASA* 68 (1973) 117; Carroll et al., *Measurement Error in Nonlinear Models* (2006), ch. 4.
-    """
-    energy = float((measured**2).sum())
-    return max(0.0, 1.0 - float(variance.sum()) / energy) if energy > 0.0 else 1.0
 
 
 def _repeats(response: Response, moved: NDArray[np.bool_]) -> set[str]:

@@ -1,17 +1,21 @@
 """Experiments of the real machine beside the simulator: the difference of both, and what scatters in it.
 
 Data: observables of R_m real runs of each experiment, of R runs of the simulator at some sizes, and of n nominal ones,
-the first with the same seeds. Unknown: μ, the simulator's mean at these sizes, and v, the variance of a run there.
-Model and estimator:
+the first with the same seeds. Unknown: μ, the simulator's mean at these sizes, and v, the variance of a run there. S is
+the nominal mean with the sum of responses; it has the variance v_S = v₀/n + Σ_k θ_k² (that of response k), with v₀ of a
+nominal run. Model and estimator:
 
-    μ = mean of the R runs − c (mean of the nominal runs of the same seeds − mean of all nominal runs)
-    Var(real mean − μ) = (m + max(v − v₀, 0))/R_m + v/R + c² (v₀ − 2 √(v v₀)) (1/R − 1/n)
+    μ = S + b D,   D = mean of the R runs − c (mean of the nominal runs of the same seeds − that of all) − S
     v = f · (variance of the R runs, pooled with the nominal variance)
+    Var(real mean − μ) = (m + max(v − v₀, 0))/R_m + b² v_1 + (1 − b)² v_S + b (1 − b) v_D
+    v_1 = v/R + c² (v₀ − 2 √(v v₀)) (1/R − 1/n),   v_D = v_1 − c² v₀/n + (1 − c)² v₀/n + Σ_k θ_k² (that of response k)
 
-Instruments and repeated runs of the machine add to the first variance (:mod:`.instruments`). An effect may make runs of
-the simulator scatter more, or less: f is one number for a kind of group in all tests (:mod:`.kinds`), so the luck of a
-few runs decides no score. c is the correlation of two runs of one seed, with an effect and without: a gait that is
-chaotic forgets its seed. It is the median over parameters of 1 − spread/(2 nominal variance), at typical sizes.
+b is the part of the energy of D, in a group, that is no noise of the variance v_D (:mod:`.calibration`). A few runs of
+a chaotic gait scatter more than a sum of responses is wrong; then b is 0. Instruments and repeated runs of the machine
+add to its variance m (:mod:`.instruments`). An effect may make runs of the simulator scatter more, or less: f is one
+number for a kind of group in all tests (:mod:`.kinds`), so the luck of a few runs decides no score. c is the
+correlation of two runs of one seed, with an effect and without: a gait that is chaotic forgets its seed. It is the
+median over parameters of 1 − spread/(2 nominal variance), at typical sizes.
 
 Units: sizes in typical sizes. Shapes: K parameters; of each experiment m observables, of which n_p are used.
 Source: Glasserman, *Monte Carlo Methods in Financial Engineering* (2003), §4.1 (c, a control variate).
@@ -27,6 +31,7 @@ import numpy as np
 
 from s2r_spec.backend import Backend
 from s2r_spec.base.arrays import FloatArray
+from s2r_spec.diagnose.inference.calibration import share_of_signal
 from s2r_spec.diagnose.inference.independence import independent_numbers
 from s2r_spec.diagnose.inference.instruments import instrument_variance, white_noise
 from s2r_spec.diagnose.inference.kinds import Kinds
@@ -144,13 +149,10 @@ class Recorded:
             self.observations, self.machine, self.scatter, self.runs, shapes, ratios, self.common, rows,
             strict=True,
         ):  # fmt: skip
-            nominal, begin = one.response.nominal, one.response.runs[: len(own)]
-            correction = own.mean(axis=0) - nominal
-            correction[one.kept] -= common * (begin.mean(axis=0) - nominal)[one.kept] + one.moved(theta)
-            variance, seeds = ratio * shape, 1.0 / len(begin) - 1.0 / len(one.response.runs)
-            noise = machine + np.maximum(variance - scatter, 0.0) / real + variance / len(own)
-            noise += common**2 * (scatter - 2.0 * np.sqrt(variance * scatter)) * seeds
-            found.append(replace(one.corrected(correction, theta), noise=noise))
+            variance = ratio * shape
+            corrected, noise = _mean_at(one, theta, own, common, (scatter, variance))
+            noise += machine + np.maximum(variance - scatter, 0.0) / real
+            found.append(replace(corrected, noise=noise))
         return found
 
     @cached_property
@@ -175,6 +177,37 @@ class Recorded:
                 share[places] = np.median(np.clip(1.0 - part, 0.0, 1.0))
             shares.append(share)
         return self.kinds.means(shares)
+
+
+def _mean_at(
+    one: Observation,
+    theta: FloatArray,
+    own: FloatArray,
+    common: FloatArray,
+    scatter: tuple[FloatArray, FloatArray],
+) -> tuple[Observation, FloatArray]:
+    """Return the observation around S + b D, and (n,) its variance, from (R, m) runs at (K,) sizes and (n,) c.
+
+    ``scatter`` has the (n,) variances of a run: nominal, and at these sizes.
+    """
+    nominal, begin = one.response.nominal, one.response.runs[: len(own)]
+    apart = own.mean(axis=0) - nominal
+    apart[one.kept] -= common * (begin.mean(axis=0) - nominal)[one.kept] + one.moved(theta)
+    before, variance = scatter
+    mean, responses = before / len(one.response.runs), theta**2 @ one.learned
+    seeds = 1.0 / len(begin) - 1.0 / len(one.response.runs)
+    of_runs = variance / len(own) + common**2 * (before - 2.0 * np.sqrt(variance * before)) * seeds
+    of_apart = np.maximum(of_runs - common**2 * mean, 0.0) + (1.0 - common) ** 2 * mean + responses
+    shares = np.ones_like(variance)
+    for _, places in one.parts:
+        known = places[np.isfinite(apart[one.kept[places]])]
+        unit = np.sqrt(of_apart[known].mean() + 1e-24) if known.size else 1.0
+        shares[places] = share_of_signal(apart[one.kept[known]] / unit, of_apart[known] / unit**2)
+    apart[one.kept] *= shares
+    noise = (
+        shares**2 * of_runs + (1.0 - shares) ** 2 * (mean + responses) + shares * (1.0 - shares) * of_apart
+    )
+    return one.corrected(apart, theta), noise
 
 
 def _innovations(one: Observation, traces: Sequence[Trace]) -> dict[str, float]:

@@ -19,7 +19,7 @@ from s2r_spec.diagnose.data.space_filling import TESTS
 from s2r_spec.diagnose.quality.recordings import as_columns
 from s2r_spec.diagnose.simulator.axes import EffectAxis, Values
 from s2r_spec.diagnose.simulator.bench import Bench, Job, Test, TestRun, evenly, places_of, run_jobs
-from s2r_spec.diagnose.simulator.library import CAUSES
+from s2r_spec.diagnose.simulator.practice import CAUSES
 from s2r_spec.trace import Trace
 from s2r_spec.trace.samples import period_of
 

@@ -17,7 +17,7 @@ from s2r_spec.diagnose.quality.loop import Loop, by_loop
 from s2r_spec.diagnose.quality.recordings import Recordings
 from s2r_spec.diagnose.simulator.axes import EffectAxis
 from s2r_spec.diagnose.simulator.bench import Bench, TestRun
-from s2r_spec.diagnose.simulator.library import CAUSES
+from s2r_spec.diagnose.simulator.practice import CAUSES
 
 MOST = 0.75
 """Level: part of what the best machine leaves beyond the usual that undoing a mistake must remove; the rest is what a

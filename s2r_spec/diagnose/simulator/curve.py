@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from s2r_spec.base.arrays import FloatArray
 
@@ -26,12 +28,19 @@ class ResponseCurve:
     Attributes:
         coordinates: (p,) rising; 0 is among them.
         values: (p, m) the response at each.
+        noise: (p, m) variance of each value by the scatter of its runs; 0 at nominal.
 
     Source: Fritsch & Carlson, *SIAM Journal on Numerical Analysis* 17 (1980) 238.
     """
 
     coordinates: FloatArray
     values: FloatArray
+    noise: FloatArray = field(default_factory=lambda: np.zeros(()))
+
+    def at_points(self, kept: NDArray[np.bool_]) -> Self:
+        """Return the curve through the points of (p,) a mask alone."""
+        noise = np.broadcast_to(self.noise, self.values.shape)[kept]
+        return replace(self, coordinates=self.coordinates[kept], values=self.values[kept], noise=noise)
 
     def at(self, coordinate: float) -> FloatArray:
         """Return (m,) the response."""

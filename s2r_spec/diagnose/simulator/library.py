@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import zlib
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -22,6 +21,7 @@ from s2r_spec.diagnose.simulator.curve import ResponseCurve, Turn
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.observables import ObservableGroup
 from s2r_spec.diagnose.simulator.points import all_points, curved, most_visible, points_of, to_refine
+from s2r_spec.diagnose.simulator.practice import MACHINES, practice_machine
 from s2r_spec.diagnose.simulator.response import (
     Practice,
     Response,
@@ -31,9 +31,9 @@ from s2r_spec.diagnose.simulator.response import (
     values_at,
 )
 from s2r_spec.diagnose.simulator.runs import (
+    HEALTHY,
     NOMINAL_PILOT,
     PILOT,
-    SEED,
     Job,
     Runs,
     acting_parameters,
@@ -48,11 +48,6 @@ from s2r_spec.workers.pools import ExecutorFactory
 Progress = Callable[[str, int, int], None]
 """Called with stage, number of jobs done, and number of jobs."""
 
-MACHINES = 24
-"""Budget: practice machines; the error of a sum of responses is then known to 15 %."""
-CAUSES = 3
-"""Definition: a practice machine has 0 to 3 causes, of a quarter of the typical size to all of it. More causes make
-sums of responses look worse."""
 NOMINAL = 8
 """Budget: nominal runs of an experiment, from which its scatter is known to 27 %."""
 NOMINAL_REST = Job.of({}, NOMINAL - PILOT, first=PILOT)
@@ -93,7 +88,7 @@ def library(
     if quick:
         return first
     tell = partial(progress, "simulating small sizes")
-    bent = curved(first, refined(backend, first, most_visible(first), executor, tell, cache))
+    bent = curved(refined(backend, first, most_visible(first), executor, tell, cache))
     if not bent:
         return first
     tell = partial(progress, "simulating all sizes of some effects")
@@ -184,7 +179,8 @@ def most_rollouts(
 
         def missing(design: _Design) -> int:
             jobs = design.jobs(experiment)
-            return sum(len(job.seeds) for job in jobs if runs is None or runs.lacks(job, needed))
+            count = sum(len(job.seeds) for job in jobs if runs is None or runs.lacks(job, needed))
+            return count + (HEALTHY if runs is None else 0)
 
         return probes + missing(every) if missing(first) else 0
 
@@ -223,32 +219,7 @@ class _Design:
     @cached_property
     def machines(self) -> list[tuple[FloatArray, str]]:
         """(K,) coordinates and variant of every practice machine; the same for every experiment."""
-        return [self._machine(number) for number in range(MACHINES)]
-
-    def _machine(self, number: int) -> tuple[FloatArray, str]:
-        """Return a practice machine. Every parameter has a stream of its own, so that their order changes nothing."""
-
-        def stream(name: str) -> np.random.Generator:
-            return np.random.default_rng(
-                np.random.SeedSequence(SEED, spawn_key=(number, zlib.crc32(name.encode())))
-            )
-
-        theta, sizes, turn = (np.zeros(len(self.parameters)) for _ in range(3))
-        for k, axis in enumerate(self.parameters):
-            random = stream(axis.name)
-            low, high = axis.ends
-            # A dependent parameter may have any value: where a load lies is no sign of its mass.
-            if axis.is_phase:
-                theta[k] = random.uniform(low, high)
-            else:
-                theta[k] = np.clip((1.0 if axis.base else BACKGROUND) * random.normal(), low, high)
-            sign = 1.0 if low > -1e-9 or (high > 1e-9 and random.uniform() < 0.5) else -1.0
-            sizes[k] = np.clip(sign * random.uniform(0.25, 1.0), low, high)
-            turn[k] = np.inf if axis.base else random.uniform()
-        random = stream("")
-        causes = np.argsort(turn)[: min(int(random.integers(CAUSES + 1)), int(np.isfinite(turn).sum()))]
-        theta[causes] = sizes[causes]
-        return theta, str(random.choice(["", *sorted(self.variants)]))
+        return [practice_machine(self.parameters, self.variants, number) for number in range(MACHINES)]
 
     def jobs(self, experiment: Experiment) -> list[Job]:
         """Return all runs of an experiment."""
@@ -257,8 +228,13 @@ class _Design:
             for axis, coordinates in zip(self.parameters, self.points, strict=True)
             for coordinate in coordinates
         ]
-        variants = [Job.of({}, replicates(experiment), name) for name in self.variants]
-        return list(dict.fromkeys([NOMINAL_PILOT, NOMINAL_REST, *points, *variants, *self._practice_jobs()]))
+        others = [*self._variant_jobs(experiment), *self._practice_jobs()]
+        return list(dict.fromkeys([NOMINAL_PILOT, NOMINAL_REST, *points, *others]))
+
+    def _variant_jobs(self, experiment: Experiment) -> list[Job]:
+        """Return the runs of the variants: those of all nominal seeds, where a motion scatters."""
+        number = replicates(experiment) if experiment.protocol else NOMINAL
+        return [Job.of({}, number, name) for name in self.variants]
 
     def _practice_jobs(self) -> list[Job]:
         return [
@@ -295,22 +271,16 @@ class _Design:
                 at = first.coordinate(first.at_typical())
                 near = min(points_of(first), key=lambda c: abs(c - at))
                 before = rows[_point_job(experiment, first, near)]
-            points, scatter, squares = {0.0: np.zeros_like(reference)}, [], 0.0
-            for coordinate in self.points[k]:
-                moved = rows[_point_job(experiment, axis, coordinate)].astype(float)
-                moved = moved - before[: len(moved)]
-                if np.isfinite(moved).any():  # a machine that fell at once shows nothing
-                    at = axis.coordinate(axis.value(coordinate))
-                    points[at] = moved.mean(axis=0)
-                    if len(moved) > 1:
-                        scatter.append(_scatter(moved, observables.groups))
-                        squares += at**2
-            order = sorted(points)
-            kind = Turn if axis.is_phase else ResponseCurve
-            curves.append(kind(np.array(order), np.array([points[c] for c in order])))
-            spread[k] = np.sum(scatter, axis=0) / squares if scatter else 0.0
+            each = {
+                axis.coordinate(axis.value(at)): rows[_point_job(experiment, axis, at)].astype(float)
+                for at in self.points[k]
+            }
+            typical = [axis.coordinate(axis.value(at)) for at in points_of(axis)]
+            curve, spread[k] = _curve(each, before, typical, observables.groups)
+            curves.append(Turn(curve.coordinates, curve.values, curve.noise) if axis.is_phase else curve)
         variants = [
-            rows[Job.of({}, replicates(experiment), name)].mean(axis=0) - reference for name in self.variants
+            _curve({1.0: rows[job].astype(float)}, nominal, [1.0], observables.groups)[0]
+            for job in self._variant_jobs(experiment)
         ]
         return Response(
             experiment,
@@ -320,7 +290,7 @@ class _Design:
             reference,
             tuple(curves),
             spread,
-            np.array(variants).reshape(len(self.variants), reference.size),
+            tuple(variants),
             Practice(
                 np.array([theta for theta, _ in self.machines]),
                 np.array([[float(own == name) for name in self.variants] for _, own in self.machines]),
@@ -335,6 +305,35 @@ def _point_job(experiment: Experiment, axis: EffectAxis, coordinate: float) -> J
     return Job.of(
         axis.at(axis.value(coordinate)), 2 if coordinate in points_of(axis) else replicates(experiment)
     )
+
+
+def _curve(
+    runs: Mapping[float, FloatArray],
+    before: FloatArray,
+    first: Sequence[float],
+    groups: Sequence[ObservableGroup],
+) -> tuple[ResponseCurve, FloatArray]:
+    """Return the response from coordinate → (runs, m), and (m,) its variance from run to run for a coordinate of 1.
+
+    This variance is that of the ``first`` coordinates. A point with one run has it, too. ``before`` has the runs with
+    the same seeds from which the response is measured.
+    """
+    moved = {at: own - before[: len(own)] for at, own in runs.items()}
+    moved = {
+        at: own for at, own in moved.items() if np.isfinite(own).any()
+    }  # one that fell at once shows nothing
+    scatter = {at: _scatter(own, groups) for at, own in moved.items() if len(own) > 1}
+    known = {at: scatter[at] for at in first if at in scatter}
+    zero = np.zeros(before.shape[1])
+    values, noise = {0.0: zero}, {0.0: zero}
+    for at, own in moved.items():
+        same_side = [one for side, one in known.items() if side * at > 0.0]
+        values[at] = own.mean(axis=0)
+        noise[at] = scatter.get(at, [*same_side, *known.values(), zero][0]) / len(own)
+    order = sorted(values)
+    points = (np.array([of[at] for at in order]) for of in (values, noise))
+    curve = ResponseCurve(np.array(order), *points)
+    return curve, np.sum([*known.values()], axis=0) / sum(at**2 for at in known) if known else zero
 
 
 def _scatter(moved: FloatArray, groups: Sequence[ObservableGroup]) -> FloatArray:

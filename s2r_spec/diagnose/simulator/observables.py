@@ -4,8 +4,8 @@ Channels alone decide the observables, so they are the same for every robot. A *
 or the difference of two channels that measure the same (``tau - tau_cmd``). Statistics of a quantity x (n,), with a
 flag f (a channel of 0 and 1, such as stance) or another quantity s of the same width:
 
-    bin          means over 50 equal parts of the trace        where two nominal traces agree in time
-    mean         means over six windows                        where they do not: a motion whose clock begins anywhere
+    bin          means over 50 equal parts of the trace        where traces of healthy machines agree in time
+    mean         means over six windows                        where they do not: a motion with a clock of its own
     ripple       log of the scatter within short blocks, for either half;  and log of the scatter of all samples
     flag         means of x where f = 1, and where f = 0       phases of a gait
     product      means of x s, x sign(s) and x ds/dt, of a residual x: what its force law looks like
@@ -94,7 +94,7 @@ class Observables:
         duration: of a whole trace [s].
         quantities: channels and differences.
         flags: (name, width) of the channels of 0 and 1.
-        clocked: whether two nominal traces agree in time.
+        clocked: whether traces of healthy machines agree in time.
         innovations: of a simulator without residuals.
     """
 
@@ -105,8 +105,12 @@ class Observables:
     innovations: Innovations | None = None
 
     @classmethod
-    def of_nominal(cls, traces: Sequence[Trace]) -> Observables:
-        """Choose the quantities from whole traces with residuals; at least one trace."""
+    def of_nominal(cls, traces: Sequence[Trace], healthy: Sequence[Trace] = ()) -> Observables:
+        """Choose the quantities from whole traces with residuals; at least one trace.
+
+        ``healthy`` has whole traces of machines with small amounts of all effects. The phase of a gait is the same in
+        runs of one model, and another in the next one.
+        """
         names = [name for name in traces[0].channels if all(name in trace.channels for trace in traces)]
         samples = {name: np.concatenate([_columns(trace, name) for trace in traces]) for name in names}
         flags = tuple(
@@ -122,7 +126,9 @@ class Observables:
         units = traces[0].units
         quantities = tuple(_quantities(plain, {name: units.get(name, "") for name in plain}))
         observables = cls(max(trace.duration for trace in traces), quantities, flags)
-        observables = replace(observables, clocked=observables._agrees(traces))
+        observables = replace(
+            observables, clocked=observables._agrees(healthy if len(healthy) > 1 else traces)
+        )
         if any(quantity.channel.startswith(RESIDUAL) for quantity in quantities):
             return observables
         channels = observables.channels

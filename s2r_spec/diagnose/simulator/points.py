@@ -3,8 +3,8 @@
 Every parameter has a first point on either side, at its typical size. Its response is then a straight line on a side of
 the range. That is wrong in two cases, in which a parameter has all points:
 
-- The smallest point lies far from this line, as for a limit, whose effect begins only at some size. This is tried in
-  the one experiment that shows the parameter best.
+- A smaller point lies far from this line, as for a limit, whose effect begins only at some size, or a delay by a part
+  of a sample. This is tried in the one experiment that shows the parameter best.
 - The real machine may lie near or beyond the smallest point, by the first estimate.
 
 Units: coordinates are in typical sizes (:mod:`.axes`). Shapes: K parameters, m observables.
@@ -21,7 +21,7 @@ from s2r_spec.diagnose.simulator.axes import EffectAxis
 from s2r_spec.diagnose.simulator.curve import ResponseCurve
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.observables import NEGLIGIBLE
-from s2r_spec.diagnose.simulator.response import Response, ResponseLibrary, replicates
+from s2r_spec.diagnose.simulator.response import Response, ResponseLibrary
 
 POINTS = (0.3, 1.0, 2.0)
 """Definition: coordinates of a response on either side, as far as the range reaches. An effect with a threshold between
@@ -29,7 +29,7 @@ two of them is interpolated; more points cost a run of every experiment each."""
 QUARTERS = (-0.5, 0.5, 1.0)
 """Definition: coordinates of the response to an angle that may be any: the quarters of a turn."""
 BEND = 0.5
-"""Tolerance: an effect is no straight line if its response at the smallest point differs by this part from one."""
+"""Tolerance: an effect is no straight line if its response at a small point differs by this part from one."""
 QUANTILE = 3.0
 """Level: a parameter lies nearer to nominal than the smallest point if so many standard deviations of its estimate do;
 99.7 % of a normal distribution."""
@@ -73,46 +73,36 @@ def most_visible(library: ResponseLibrary) -> dict[Experiment, frozenset[str]]:
     return {experiment: frozenset(own) for experiment, own in names.items()}
 
 
-def curved(first: ResponseLibrary, tried: ResponseLibrary) -> frozenset[str]:
+def curved(tried: ResponseLibrary) -> frozenset[str]:
     """Return the names of the parameters whose response is no straight line, wherever it has all points."""
     return frozenset(
         axis.name
-        for one, more in zip(first.responses, tried.responses, strict=True)
-        for k, axis in enumerate(first.parameters)
-        if not axis.is_phase and is_curved(more.curves[k], *_noise(one, more, k))
+        for one in tried.responses
+        for axis, curve in zip(tried.parameters, one.curves, strict=True)
+        if not axis.is_phase and is_curved(curve)
     )
 
 
-def _noise(first: Response, tried: Response, k: int) -> tuple[FloatArray, FloatArray]:
-    """Return (m,) the variance of a mean response for a coordinate of 1, at the first points and at all others.
+def is_curved(curve: ResponseCurve) -> bool:
+    """Return whether a small point of a side lies far from the line between nominal and the point nearest to ±1.
 
-    Variances for a coordinate of 1 are sums over points by sums of squared coordinates, so those of the other points
-    follow from both.
+    The variances of the values are taken off, and numbers that scatter much count little: one run that falls says
+    nothing about small sizes. A curve with one point on either side is a line.
     """
-    few, many = (float((one.curves[k].coordinates ** 2).sum()) for one in (first, tried))
-    near = first.spread[k]
-    other = near if many == few else np.maximum(many * tried.spread[k] - few * near, 0.0) / (many - few)
-    return near / 2.0, other / replicates(first.experiment)
-
-
-def is_curved(curve: ResponseCurve, near_noise: FloatArray, other_noise: FloatArray) -> bool:
-    """Return whether the smallest point of a side lies far from the line between nominal and the point nearest to ±1.
-
-    The (m,) variances for a coordinate of 1 are taken off. A curve with one point on either side is a line.
-    """
+    noise = np.broadcast_to(curve.noise, curve.values.shape)
     for sign in (-1.0, 1.0):
         side = np.flatnonzero(curve.coordinates * sign > 0.0)
-        if side.size < 2:
-            continue
         sizes = np.abs(curve.coordinates[side])
-        small, near = int(np.argmin(sizes)), int(np.argmin(np.abs(sizes - 1.0)))
-        line = curve.values[side[near]] * sizes[small] / sizes[near]
-        away = curve.values[side[small]] - line
-        on_line, beside = sizes[small] ** 2 * near_noise, sizes[small] ** 2 * (near_noise + other_noise)
-        known = np.isfinite(away) & np.isfinite(beside)
-        energy = float((line**2 - on_line)[known].sum())
-        if float((away**2 - beside)[known].sum()) > BEND**2 * max(energy, 0.0):
-            return True
+        near = side[int(np.argmin(np.abs(sizes - 1.0)))] if side.size else 0
+        for small in side[sizes < np.abs(curve.coordinates[near])].tolist():
+            part = curve.coordinates[small] / curve.coordinates[near]
+            line, on_line = part * curve.values[near], part**2 * noise[near]
+            away, beside = curve.values[small] - line, on_line + noise[small]
+            weight = 1.0 / (beside + NEGLIGIBLE**2)
+            known = np.isfinite(away) & np.isfinite(beside)
+            energy = float((weight * (line**2 - on_line))[known].sum())
+            if float((weight * (away**2 - beside))[known].sum()) > BEND**2 * max(energy, 0.0):
+                return True
     return False
 
 

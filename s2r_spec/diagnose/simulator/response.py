@@ -106,7 +106,7 @@ class Response:
         reference: (m,) mean of the nominal runs with the seeds of the responses.
         curves: the response to every parameter.
         spread: (K, m) variance of the response from run to run, for a coordinate of 1; it grows with its square.
-        variants: (V, m) responses to the simulator's variants.
+        variants: V responses to the simulator's variants, with the whole variant at 1.
         practice: runs of practice machines.
         runs: (R, m) nominal runs, the first seed first; they need not be made again.
         robustness: ρ over every parameter that acts alone, by its place; none without a requirement.
@@ -119,7 +119,7 @@ class Response:
     reference: FloatArray
     curves: tuple[ResponseCurve, ...]
     spread: FloatArray
-    variants: FloatArray
+    variants: tuple[ResponseCurve, ...]
     practice: Practice
     runs: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     robustness: Mapping[int, RobustnessCurve] = field(default_factory=dict)

@@ -26,11 +26,13 @@ from s2r_spec.backend.effects import catalogue_of
 from s2r_spec.backend.files import pack, unpack
 from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import BackendError
-from s2r_spec.diagnose.simulator.axes import EffectAxis, Values, effect_axis
+from s2r_spec.diagnose.simulator.axes import EffectAxis, Values, effect_axes, effect_axis
 from s2r_spec.diagnose.simulator.cache import Cache
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.innovations import Innovations
 from s2r_spec.diagnose.simulator.observables import Observables, ObservedQuantity
+from s2r_spec.diagnose.simulator.practice import healthy_machine
+from s2r_spec.diagnose.simulator.response import values_at
 from s2r_spec.diagnose.simulator.score import UNKNOWN, Score
 from s2r_spec.trace import Trace
 from s2r_spec.workers.pools import ExecutorFactory, as_they_end
@@ -39,7 +41,9 @@ K = TypeVar("K")
 T = TypeVar("T")
 
 PILOT = 4
-"""Budget: nominal runs that decide which observables there are. With two, a gait may agree in time by chance."""
+"""Budget: nominal runs that decide which observables there are."""
+HEALTHY = 8
+"""Budget: healthy machines that decide whether traces agree in time. With a few, a gait may agree by chance."""
 SEED = 1_000
 """Definition: seed of the first run; no rollout of a certificate has it."""
 EVERY = 20.0
@@ -303,7 +307,7 @@ def _of_copy(shared: bytes, function: Callable[..., T], *arguments: Any) -> T:
 
 
 def pilot(backend: Backend, experiment: Experiment, score: Score | None = None) -> Runs:
-    """Return the nominal runs that decide the observables.
+    """Return the nominal runs that decide the observables, beside those of healthy machines.
 
     Raises:
         NominalError: one of them fails.
@@ -318,9 +322,20 @@ def pilot(backend: Backend, experiment: Experiment, score: Score | None = None) 
                 f"{experiment}: {trace.failure}",
             )
         traces.append(experiment.with_residuals(trace, backend))
-    runs = Runs(Observables.of_nominal(traces))
+    runs = Runs(Observables.of_nominal(traces, _healthy(backend, experiment)))
     runs.add(NOMINAL_PILOT, *_read(traces, experiment, runs.observables, score), score)
     return runs
+
+
+def _healthy(backend: Backend, experiment: Experiment) -> list[Trace]:
+    """Return whole traces of machines without causes."""
+    assert isinstance(backend, HasEffects)
+    axes, traces = effect_axes(catalogue_of(backend)), []
+    for number in range(HEALTHY):
+        machine = backend.with_effects(values_at(axes, healthy_machine(axes, number)))
+        trace = experiment.run(machine, SEED + PILOT + number)
+        traces += [] if trace.failure else [trace]
+    return traces
 
 
 def vectors(backend: Backend, what: tuple[Experiment, Job], observables: Observables) -> Rows:

@@ -61,7 +61,7 @@ def problem(amplitude, phase, offset):
         zeros,
         curves,
         np.zeros((3, size)),
-        np.zeros((0, size)),
+        (),
         Practice(theta, np.zeros((24, 0)), practice),
     )
     runs = [whole(force(amplitude, phase, offset)) + SCATTER * rng.normal(size=size) for _ in range(2)]

@@ -66,7 +66,7 @@ def observation(design, runs):
         zeros,
         tuple(ResponseCurve(ends, whole(ends[:, None] * own)) for own in design),
         np.zeros((EFFECTS, observables.size)),
-        np.zeros((0, observables.size)),
+        (),
         Practice(theta, np.zeros((24, 0)), whole(theta @ design)),
     )
     made = Observation.of(response, list(whole(runs)), Dependence(np.full(EFFECTS, -1), np.ones(EFFECTS)))

@@ -54,9 +54,16 @@ def test_a_curve_is_far_from_the_line_to_its_typical_size(values, curved):
     both = np.outer(values, [1.0, -2.0, 0.0])
     both[:, 2] = np.nan
     curve = ResponseCurve(np.array([0.0, 0.3, 1.0, 2.0]), both)
-    assert is_curved(curve, np.zeros(3), np.zeros(3)) == curved
-    assert not is_curved(curve, np.zeros(3), 90.0 * np.ones(3))
-    assert not is_curved(ResponseCurve(np.array([0.0, 1.0]), both[[0, 2]]), np.zeros(3), np.zeros(3))
+    noise = np.outer([0.0, 9.0, 9.0, 9.0], np.ones(3))
+    assert is_curved(curve) == curved
+    assert not is_curved(replace(curve, noise=noise))
+    assert not is_curved(curve.at_points(np.array([True, False, True, False])))
+
+
+def test_one_wild_number_at_a_large_size_hides_no_curve():
+    both = np.outer([0.0, 0.9, 1.0, 1.0], [1.0, -2.0, 1e6])
+    noise = np.outer([0.0, 0.0, 1.0, 1.0], [0.0, 0.0, 1e12])
+    assert is_curved(ResponseCurve(np.array([0.0, 0.3, 1.0, 2.0]), both, noise))
 
 
 def test_a_parameter_is_refined_if_its_estimate_may_reach_the_smallest_point():

@@ -7,7 +7,7 @@ import pytest
 
 from s2r_spec.diagnose.simulator.cache import Cache
 from s2r_spec.diagnose.simulator.experiments import Experiment
-from s2r_spec.diagnose.simulator.runs import NOMINAL_PILOT, Job, kept, simulate
+from s2r_spec.diagnose.simulator.runs import HEALTHY, NOMINAL_PILOT, Job, kept, simulate
 from tests.diagnose.toy import Toy
 
 SHORT, LONG = Experiment.test({"v": 0.2}), Experiment.test({"v": 0.8})
@@ -55,10 +55,10 @@ def once_kept(cache, experiment):
 def test_a_stopped_simulation_goes_on_with_all_runs_that_had_ended(tmp_path, toy):
     machine, ran, events = toy
     every = simulate(machine, WANTED, PLACES, Cache(tmp_path / "whole"))
-    assert len(ran) == sum(len(job.seeds) for jobs in WANTED.values() for job in jobs) == 62
+    assert len(ran) == sum(len(job.seeds) for jobs in WANTED.values() for job in jobs) + 2 * HEALTHY == 78
     ran.clear()
     cache, seen = Cache(tmp_path / "stopped"), []
-    events |= {60: lambda: seen.append(once_kept(cache, LONG)), 61: stop}
+    events |= {76: lambda: seen.append(once_kept(cache, LONG)), 77: stop}
     with pytest.raises(KilledError):
         simulate(machine, WANTED, PLACES, cache)
     # The longer experiment ran first, and was kept while the other one ran.
