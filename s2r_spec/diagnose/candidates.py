@@ -3,7 +3,7 @@
 Where five or more tests of the specification were run, the posterior over sets comes from predictions of left-out tests
 (:mod:`.inference.prediction`). A set is proposed from the library: every parameter alone over its whole range, all of
 an effect at a common size, then further ones beside the sets that predict best. It counts only at its own estimate,
-where the simulator has run. There a sum of responses has no error, and the scatter is that of these runs.
+where the simulator has run.
 
 Units: sizes in typical sizes. Shapes: K parameters; of each test m observables, of which n are used.
 """
@@ -41,15 +41,14 @@ GAIN = 0.5
 """Tolerance: least gain of such a run in the log predictive density of all tests [nat]."""
 GRID = 17
 """Budget: sizes at which a proposal compares the library with the tests, beside those of the library."""
-
 WHOLE = 2.0
 """Budget: largest common size of all parameters of an effect that a proposal tries, in typical sizes."""
-SECONDS, MOST = 30.0, 8
+SECONDS, MOST = 60.0, 8
 """Budget: declared time of all runs of a search [s]; most runs of a test, as many as there are nominal ones."""
-SIMULATED = 12
-"""Budget: sizes at which a search simulates every test, from which the runs of a test follow."""
+SIMULATED = 24
+"""Definition: sizes at which a search mostly simulates every test; the runs of a test follow from them."""
 
-Simulate = Callable[[FloatArray, int], "list[FloatArray]"]
+Simulate = Callable[[FloatArray], "list[FloatArray]"]
 """Returns (R, m) observables of the simulator's runs of every test at (K,) sizes."""
 
 
@@ -86,16 +85,16 @@ def predicted(
     if len(data.runs) < FEWEST:
         return None
     responses = [one.response for one in data.observations]
-    ran: dict[tuple[bytes, int], list[FloatArray]] = {}
+    often = int(SECONDS / (max(float(backend.cost), 1e-4) * len(responses) * SIMULATED))
+    runs = min(max(often, *(replicates(one.experiment) for one in responses)), MOST)
+    ran: dict[bytes, list[FloatArray]] = {}
 
-    def simulate(theta: FloatArray, runs: int) -> list[FloatArray]:
-        if (key := (theta.tobytes(), runs)) not in ran:
+    def simulate(theta: FloatArray) -> list[FloatArray]:
+        if (key := theta.tobytes()) not in ran:
             ran[key] = simulated_rows(backend, responses, library.values(theta), executor, runs)
         return ran[key]
 
-    often = int(SECONDS / (max(float(backend.cost), 1e-4) * len(responses) * SIMULATED))
-    least = max(replicates(one.experiment) for one in responses)
-    search = _Search(data, prior, simulate, min(max(often, least), MOST))
+    search = _Search(data, prior, simulate)
     search.run(proposed)
     posterior = weighted(search.found, prior)
     left = Misfit.of(data.observations, search.before, search.found[posterior.sets[0]].energy)
@@ -105,8 +104,8 @@ def predicted(
 class _Search:
     """The candidates so far. They grow."""
 
-    def __init__(self, data: Recorded, prior: SizePrior, simulate: Simulate, runs: int) -> None:
-        self.data, self.prior, self.simulate, self.runs = data, prior, simulate, runs
+    def __init__(self, data: Recorded, prior: SizePrior, simulate: Simulate) -> None:
+        self.data, self.prior, self.simulate = data, prior, simulate
         self.background = data.background
         self.found: dict[Set, Candidate] = {}
         self.before = np.zeros(0)
@@ -199,7 +198,7 @@ class _Search:
         if members in self.found and not again:
             return
         theta = np.clip(theta, self.prior.low, self.prior.high)
-        near = self.data.near(theta, self.simulate(theta, self.runs))
+        near = self.data.near(theta, self.simulate(theta))
         new = fitted(near, self.background, theta, self.prior, members)
         if members not in self.found or new.score.sum() > self.found[members].score.sum():
             self.found[members], self.near[members] = new, near
