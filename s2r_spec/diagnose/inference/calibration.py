@@ -69,7 +69,8 @@ def straightened(at: FloatArray, values: FloatArray, variance: FloatArray) -> tu
     weight = 1.0 / np.maximum(variance.mean(axis=1), LEAST)
     gain = weight * at / (weight @ at**2)
     line, line_variance = np.outer(at, gain @ values), np.outer(at**2, gain**2 @ variance)
-    rest_variance = variance * (1.0 - 2.0 * at * gain)[:, None] + line_variance
+    # Of a point that the line goes through it is 0, but for rounding.
+    rest_variance = np.maximum(variance * (1.0 - 2.0 * at * gain)[:, None] + line_variance, 0.0)
     rest = values - line
     a = share_of_signal(line, line_variance)
     b = share_of_signal(rest, rest_variance)
