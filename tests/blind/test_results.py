@@ -116,7 +116,7 @@ def test_the_diagnosis_of_the_real_go2_has_the_values_of_a_least_squares_fit():
     assert all(one["low"] < value < one["high"] for one, value in pairs)
 
 
-@pytest.mark.xfail(strict=True, reason="on sand, the creep of the ground is ruled out beside soft ground")
+@pytest.mark.xfail(strict=True, reason="on sand, the friction of the ground is ruled out beside its creep")
 def test_true_values_of_the_twins_are_in_their_intervals():
     kept = json.loads((ROOT / "benchmarks" / "results" / "twins_diagnose.json").read_text())["twins"]
     assert set(kept) == {"lab", "grass", "sand", "ramp"}
